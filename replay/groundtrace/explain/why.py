@@ -135,31 +135,49 @@ class StepExplanation:
     untried: str = ""
 
 
-def explain_steps(evidence: Evidence, tolerance_s: float = STEP_TOLERANCE_S) -> StepExplanation:
-    """Explain every missed and every false step of a result."""
+def explain_steps(
+    evidence: Evidence, tolerance_s: float = STEP_TOLERANCE_S, mended: int | None = None
+) -> StepExplanation:
+    """Explain every missed and every false step of a result.
+
+    Parameters
+    ----------
+    evidence
+        Of the result.
+    tolerance_s
+        Of the match [s].
+    mended
+        Remedies are looked for of so many missed, and so many false steps, the first ones; None
+        stands for all.
+    """
     healer = RemedySearch(OfflineDecider(evidence), tolerance_s)
     matching = healer.matching
     reasons = StepReasons(evidence, tolerance_s, matching)
+
+    def remedy(place: int, time_ns: int, *, false: bool = False) -> Remedy | None:
+        looked_for = mended is None or place < mended
+        return remedy_of(healer, reasons, time_ns, false=false) if looked_for else None
+
     missed = tuple(
         Missed(
             int(index) + 1,
             _seconds(evidence, time_ns),
             reasons.at(time_ns),
-            remedy_of(healer, reasons, time_ns),
+            remedy(place, time_ns),
             reasons.wrong_time(time_ns),
         )
-        for index, time_ns in zip(
-            matching.missed, matching.truth_ns[matching.missed].tolist(), strict=True
+        for place, (index, time_ns) in enumerate(
+            zip(matching.missed, matching.truth_ns[matching.missed].tolist(), strict=True)
         )
     )
     false = tuple(
         FalseDetection(
             _seconds(evidence, time_ns),
             narrowest(evidence, time_ns),
-            remedy_of(healer, reasons, time_ns, false=True),
+            remedy(place, time_ns, false=True),
             reasons.wrong_time(time_ns),
         )
-        for time_ns in matching.found_ns[matching.false].tolist()
+        for place, time_ns in enumerate(matching.found_ns[matching.false].tolist())
     )
     causes = dict(Counter(m.reason.cause for m in missed))
     latency_s, right = _without_latency(matching, evidence.start_ns, tolerance_s)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,13 @@ from groundtrace.simulate.recording import write
 from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import Fix, Gap, Label, Note, StepEvent
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.rerun.moments import PageMoments, moments_of_results, moments_of_session
-from groundtrace_viewers.web.annotate import replayed
+from groundtrace_viewers.rerun.moments import (
+    PENDING,
+    PageMoments,
+    moments_of_results,
+    moments_of_session,
+)
+from groundtrace_viewers.web.annotate import RenewedMoments, replayed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -111,6 +117,25 @@ def test_a_wrong_step_says_what_mends_it_and_other_thresholds_what_they_would_ma
     for curve in found.curves:
         at = curve.values.index(curve.now)
         assert (curve.right[at], curve.missed[at], curve.false[at]) == (1, 0, len(steps) - 1)
+
+
+def test_a_page_opens_before_all_causes_are_found_and_is_told_them_later(
+    walked: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels = (Label(walked.provenance.start_ns, "step"),)
+    whole = moments_of_results(walked, labels=labels)
+    first = moments_of_results(walked, labels=labels, within_s=0.0)
+    assert (first.pending, whole.pending) == (len(whole.misses), 0)
+    assert [(m.t_s, m.kind) for m in first.misses] == [(m.t_s, m.kind) for m in whole.misses]
+    assert {m.text for m in first.misses} == {PENDING}
+
+    monkeypatch.setattr("groundtrace_viewers.web.annotate.OPENING_S", 0.0)
+    wrong = replace(walked, labels=labels)
+    told = RenewedMoments(wrong, ())
+    deadline = time.monotonic() + 30.0
+    while json.loads(told.json())["pending"] and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert told.json() == moments_of_results(wrong).json()
 
 
 def test_without_truth_nothing_is_wrong(walked: Results) -> None:

@@ -162,6 +162,17 @@ def test_at_every_miss_the_card_says_what_why_and_what_mends_it(
     assert sorted(int(found[1]) for found in numbers if found) == list(range(1, 75))
 
 
+def test_beyond_some_wrong_steps_the_card_says_who_looks_for_a_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundtrace_viewers.rerun.wrong_decisions.MOST_MENDED", 2)
+    rrd, _ = replay_bundled(tmp_path, f"steps.height={HEIGHT}")
+    _, texts = read_back(rrd, CARD, "TextDocument:text")
+    missed = [text for [text] in texts if text.startswith("**Missed")]
+    assert ["--set steps" in text for text in missed] == [True] * 2 + [False] * (len(missed) - 2)
+    assert all("groundtrace why --step" in text for text in missed[2:])
+
+
 def test_at_every_decision_there_is_a_bar_for_each_gate(walk: tuple[Path, StepExplanation]) -> None:
     rrd, explained = walk
     times, bars = read_back(rrd, f"{BARS}/bar", "LineStrips2D:strips")

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from conftest import skip_or_fail
-from page_sessions import running, serving, write_as_logged, write_walk
+from page_sessions import running, serving, showing, write_as_logged, write_walk
 from PIL import Image
 
 from groundtrace.annotate.store import Annotations, stored
+from groundtrace.pipeline.config import parse_pipeline, with_settings
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.recording import Recording
 from groundtrace_viewers.rerun.blueprint import layout_of
 from groundtrace_viewers.rerun.moments import moments_of_results
@@ -203,3 +205,68 @@ def test_a_page_goes_on_with_a_recording_that_is_written(page: Page, tmp_path: P
             page.wait_for_timeout(200)
         assert len(rows(page, "events")) > len(early)
         assert page.text_content("#duration") == "of 12.0 s"
+
+
+#: What axe-core calls what keeps people out.
+GRAVE = {"serious", "critical"}
+
+
+def faults(page: Page) -> list[str]:
+    """Return what axe-core finds that keeps people out, and where."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response
+    assert len(found["passes"]) > 20, "it looked at the page"
+    return [
+        f"{one['id']}: {[node['target'] for node in one['nodes']]}"
+        for one in found["violations"]
+        if one["impact"] in GRAVE
+    ]
+
+
+def test_a_wrong_decision_is_told_to_all_and_a_change_of_it_is_a_pipeline(
+    page: Page, tmp_path: Path
+) -> None:
+    recording = write_walk(tmp_path / "walk.mcap")
+    wrong = ("--set", "steps.score=0.9", "--out", str(tmp_path / "walk.results.mcap"))
+    with showing(recording, "--pipeline", "waist-steps", *wrong) as served:
+        page.goto(served.url)
+        ready(page)
+        assert (page.text_content("#decision-what") or "").startswith("missed, ")
+        page.set_viewport_size({"width": 1280, "height": 720})
+        assert faults(page) == []
+        page.emulate_media(color_scheme="light")
+        assert faults(page) == []
+        page.set_viewport_size({"width": 400, "height": 800})
+        assert faults(page) == []
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+        picture(page, "page-400")
+
+        page.locator("#viewer").focus()
+        reached = []
+        for _ in range(60):  # out of the viewer, through the panel, and out of the page
+            page.keyboard.press("Tab")
+            reached.append(page.evaluate("document.activeElement.id"))
+        order = ["help-button", "time", "decision-copy", "tuning-which", "tuning-value"]
+        order += ["tuning-copy", "tuning-save", "author", "note", "marks", "filter", "events"]
+        places = [reached.index(name) for name in order]
+        assert places == sorted(places)
+
+        page.keyboard.press("m")
+        page.wait_for_function("/missed/.test(document.getElementById('said').textContent)")
+        page.keyboard.press("Shift+ArrowDown")
+        page.wait_for_function("/^missed at/.test(document.getElementById('said').textContent)")
+
+        page.select_option("#tuning-which", label="steps.score")
+        page.locator("#tuning-value").press("Home")
+        setting = (page.text_content("#tuning-setting") or "").removeprefix("--set ")
+        counts = page.text_content("#tuning-counts") or ""
+        with page.expect_download() as download:
+            page.locator("#tuning-save").click()
+        taken = tmp_path / download.value.suggested_filename
+        download.value.save_as(taken)
+    results = read_results(tmp_path / "walk.results.mcap")
+    config = parse_pipeline(results.provenance.pipeline.encode(), "results")
+    asked = with_settings(config, [setting])
+    assert parse_pipeline(taken.read_bytes(), taken.name).stage == asked.stage
+    assert "→" in counts, "other values make other steps right"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from groundtrace.evaluation.matching import StepMatch
     from groundtrace.explain.reasons import GateReading
     from groundtrace.explain.remedies import Remedy
     from groundtrace.pipeline.engine import ReplaySession
@@ -59,6 +62,11 @@ if TYPE_CHECKING:
 NO_FRAME_S = 0.01
 #: Levels of notes that a page shows.
 LOUD = frozenset({"WARN", "ERROR"})
+#: So long a page waits for causes and remedies before it opens [s]. Chosen by judgement: those of
+#: some hundred wrong steps take less, and thousands come while the first is looked at.
+OPENING_S = 0.5
+#: What is said of a wrong step until then.
+PENDING = "its cause is being looked for"
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +157,12 @@ class PageMoments:
         Where the page opens [s]; None stands for the first wrong decision, or event.
     live
         True while the replay is running: there will be more.
+    pending
+        So many wrong decisions are told without cause and remedy by now.
     curves
         What other thresholds would make of the steps.
+    pipeline
+        The pipeline that was replayed, TOML.
     """
 
     recording: str
@@ -169,7 +181,9 @@ class PageMoments:
     misses: tuple[PageMoment, ...]
     opens_s: float | None = None
     live: bool = False
+    pending: int = 0
     curves: tuple[ThresholdCurve, ...] = ()
+    pipeline: str = ""
 
     def json(self) -> bytes:
         """Return it as one JSON document."""
@@ -181,6 +195,7 @@ def moments_of_results(
     streams: Sequence[Stream] = (),
     labels: tuple[Label, ...] | None = None,
     recording: Path | None = None,
+    within_s: float = math.inf,
 ) -> PageMoments:
     """Return the moments of a result.
 
@@ -195,6 +210,8 @@ def moments_of_results(
     recording
         Where the recording is, to tell whether a filter took a step out; None where it is not
         at hand.
+    within_s
+        After so long wrong steps are told without cause and remedy [s]; they are ``pending``.
     """
     evidence = evidence_of(results, labels)
     if recording is not None:
@@ -204,7 +221,7 @@ def moments_of_results(
     frame_of, frame_s = _frames(evidence)
     found = (_event(event, steps, evidence.start_ns) for event in results.events)
     misses = (
-        *_wrong_steps(evidence, results.events, steps),
+        *_wrong_steps(evidence, results.events, steps, within_s),
         *_wrong_picks(evidence),
         *_wrong_passes(evidence, results.events),
     )
@@ -223,12 +240,17 @@ def moments_of_results(
         any(label.kind in ("step", "pick", "pass") for label in evidence.labels),
         tuple(sorted((m for m in found if m is not None), key=_order)),
         tuple(sorted(misses, key=_order)),
+        pending=sum(miss.text == PENDING for miss in misses),
         curves=threshold_curves(evidence, TOLERANCE_S) if misses else (),
+        pipeline=results.provenance.pipeline,
     )
 
 
 def moments_of_session(
-    session: ReplaySession, events: Sequence[Event], at_ns: int | None = None
+    session: ReplaySession,
+    events: Sequence[Event],
+    at_ns: int | None = None,
+    within_s: float = math.inf,
 ) -> PageMoments:
     """Return the moments of a replay that has ended, of the events it gave.
 
@@ -238,8 +260,11 @@ def moments_of_session(
         Of the replay.
     at_ns
         Where the page opens [ns]; None stands for the first event.
+    within_s
+        As of :func:`moments_of_results`.
     """
-    found = moments_of_results(results_of(session, events), session.streams)
+    results = results_of(session, events)
+    found = moments_of_results(results, session.streams, within_s=within_s)
     return found if at_ns is None else replace(found, opens_s=(at_ns - session.start_ns) / NS_PER_S)
 
 
@@ -348,31 +373,55 @@ def _moment(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> Pa
     return PageMoment((time_ns - start_ns) / NS_PER_S, kind, stage, text)
 
 
-def _wrong_steps(evidence: Evidence, events: Sequence[Event], steps: str) -> list[PageMoment]:
-    """Return missed and false steps, each with the first thing that made it so, and its remedy."""
+def _wrong_steps(
+    evidence: Evidence, events: Sequence[Event], steps: str, within_s: float
+) -> list[PageMoment]:
+    """Return missed and false steps, each with the first thing that made it so, and its remedy.
+
+    After so many seconds the rest are told without: :data:`PENDING` stands for why.
+    """
     if not steps or not any(label.kind == "step" for label in evidence.labels):
         return []
+    began_s = monotonic()
     times = [e.time_ns for e in events if isinstance(e, StepEvent) and e.stage == steps]
     found_ns, start_ns = np.array(times, np.int64), evidence.start_ns
     matching = match_steps(evidence.labels, found_ns, start_ns, evidence.end_ns, TOLERANCE_S)
-    reasons = StepReasons(evidence, TOLERANCE_S, matching)
-    healer = RemedySearch(OfflineDecider(evidence), TOLERANCE_S)
-    wrong = []
-    for time_ns in matching.truth_ns[matching.missed].tolist():
-        reason, pair = reasons.at(time_ns), reasons.wrong_time(time_ns)
-        found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
-        text = f"{reason.cause}: {reason.text}{found}"
-        moment = _moment(time_ns, start_ns, "missed", reason.stage, text)
-        remedy = remedy_of(healer, reasons, time_ns)
-        wrong.append(_mended(moment, remedy, reason.readings))
-    for time_ns in matching.found_ns[matching.false].tolist():
+    explained = _StepMoments(evidence, matching, steps)
+    every = [
+        *((time_ns, "missed") for time_ns in matching.truth_ns[matching.missed].tolist()),
+        *((time_ns, "false") for time_ns in matching.found_ns[matching.false].tolist()),
+    ]
+    return [
+        explained.moment(time_ns, kind)
+        if monotonic() - began_s < within_s
+        else _moment(time_ns, start_ns, kind, "", PENDING)
+        for time_ns, kind in sorted(every)
+    ]
+
+
+class _StepMoments:
+    """Explains wrong steps one by one."""
+
+    def __init__(self, evidence: Evidence, matching: StepMatch, steps: str) -> None:
+        self._evidence, self._steps = evidence, steps
+        self._reasons = StepReasons(evidence, TOLERANCE_S, matching)
+        self._healer = RemedySearch(OfflineDecider(evidence), TOLERANCE_S)
+
+    def moment(self, time_ns: int, kind: str) -> PageMoment:
+        """Return why a step is missed or false, and what mends it."""
+        evidence, reasons = self._evidence, self._reasons
         pair = reasons.wrong_time(time_ns)
+        remedy = remedy_of(self._healer, reasons, time_ns, false=kind == "false")
+        if kind == "missed":
+            reason = reasons.at(time_ns)
+            found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
+            text = f"{reason.cause}: {reason.text}{found}"
+            moment = _moment(time_ns, evidence.start_ns, kind, reason.stage, text)
+            return _mended(moment, remedy, reason.readings)
         answers = "" if pair is None else f"{pair.text}; "
         text = answers + let_pass(narrowest(evidence, time_ns))
-        moment = _moment(time_ns, start_ns, "false", steps, text)
-        remedy = remedy_of(healer, reasons, time_ns, false=True)
-        wrong.append(_mended(moment, remedy, gates_at(evidence, time_ns)))
-    return wrong
+        moment = _moment(time_ns, evidence.start_ns, kind, self._steps, text)
+        return _mended(moment, remedy, gates_at(evidence, time_ns))
 
 
 def _mended(moment: PageMoment, remedy: Remedy | None, gates: Sequence[GateReading]) -> PageMoment:

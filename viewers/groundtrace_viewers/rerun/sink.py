@@ -8,6 +8,7 @@ not grow with the recording.
 from __future__ import annotations
 
 import errno
+import math
 import os
 import shutil
 import sys
@@ -213,6 +214,21 @@ class RerunSink:
         Raises
         ------
         ViewerError
+            As :meth:`moments_within`.
+        """
+        return self.moments_within(math.inf)
+
+    def moments_within(self, within_s: float) -> PageMoments:
+        """Return what a page can jump to, causes and remedies as far as they are found in time.
+
+        Parameters
+        ----------
+        within_s
+            How long they are looked for [s].
+
+        Raises
+        ------
+        ViewerError
             Before a replay, or without ``web``.
         """
         from .moments import moments_of_session
@@ -222,7 +238,7 @@ class RerunSink:
         session, replayed_ns = self._session, self._replay.context.replayed_ns
         if session.live and replayed_ns is not None:
             session = replace(session, end_ns=replayed_ns[1])
-        return moments_of_session(session, self._events, self._opens_ns)
+        return moments_of_session(session, self._events, self._opens_ns, within_s)
 
     @property
     def _opens_ns(self) -> int | None:

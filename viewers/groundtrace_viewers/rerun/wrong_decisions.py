@@ -303,19 +303,25 @@ class Decision:
         return "  \n".join(filter(None, lines))
 
 
+#: Remedies are looked for of so many missed, and so many false steps of a recording. Chosen by
+#: judgement: they take some seconds.
+MOST_MENDED = 1000
+NOT_TRIED = f"more than {MOST_MENDED} are wrong, no change was tried:"
+
+
 def _decisions(evidence: Evidence, found: Sequence[Verdict]) -> list[Decision]:
     """Return what was decided about every step, in the order of time."""
     from groundtrace.explain.why import explain_steps
 
-    explained = explain_steps(evidence, TOLERANCE_S)
+    explained = explain_steps(evidence, TOLERANCE_S, MOST_MENDED)
     texts = {one.time_ns: one.text for one in found}
     number = {m.step for m in explained.missed}
     right = [one for one in found if one.verdict == "hit"]
     numbers = (n for n in range(1, len(found) + 1) if n not in number)
     all_of = [
         *(_right(evidence, one, n) for one, n in zip(right, numbers, strict=False)),
-        *(_missed(evidence, one, explained) for one in explained.missed),
-        *(_false(evidence, one, texts) for one in explained.false),
+        *(_missed(evidence, one, explained, n) for n, one in enumerate(explained.missed)),
+        *(_false(evidence, one, texts, n) for n, one in enumerate(explained.false)),
     ]
     return sorted(all_of, key=lambda decision: (decision.time_ns, decision.verdict))
 
@@ -327,12 +333,14 @@ def _right(evidence: Evidence, one: Verdict, step: int) -> Decision:
     return Decision(one.time_ns, "hit", title, how, gates=gates_at(evidence, one.found_ns))
 
 
-def _missed(evidence: Evidence, one: Missed, explained: StepExplanation) -> Decision:
+def _missed(evidence: Evidence, one: Missed, explained: StepExplanation, place: int) -> Decision:
     time_ns = _nanoseconds(evidence, one.time_s)
     title = f"Missed: step {one.step}, {_seconds(evidence, time_ns)}"
     none = "no change of one or two parameters finds it without harm"
     if explained.untried:
         none = f"no change was tried: {explained.untried} needs a replay"
+    elif place >= MOST_MENDED:
+        none = f"{NOT_TRIED} groundtrace why --step {one.step} looks for one"
     remedy, effect = _mended(one.remedy, none)
     text = one.reason.text
     for channel in one.reason.channels[:1]:  # what each channel lacks stands at the sensors
@@ -342,9 +350,14 @@ def _missed(evidence: Evidence, one: Missed, explained: StepExplanation) -> Deci
     return Decision(time_ns, "missed", title, cause, remedy, effect, gates, silent)
 
 
-def _false(evidence: Evidence, one: FalseDetection, texts: Mapping[int, str]) -> Decision:
+def _false(
+    evidence: Evidence, one: FalseDetection, texts: Mapping[int, str], place: int
+) -> Decision:
     time_ns = _nanoseconds(evidence, one.time_s)
-    remedy, effect = _mended(one.remedy, "no change of one or two parameters removes it")
+    none = "no change of one or two parameters removes it"
+    if place >= MOST_MENDED:
+        none = f"{NOT_TRIED} groundtrace why --at {one.time_s:.3f} looks for one"
+    remedy, effect = _mended(one.remedy, none)
     cause = "; ".join(filter(None, (texts.get(time_ns, ""), let_pass(one.narrowest))))
     title = f"False: {_seconds(evidence, time_ns)}"
     gates = gates_at(evidence, time_ns)

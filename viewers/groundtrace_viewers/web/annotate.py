@@ -34,18 +34,19 @@ from groundtrace_codecs.recording import Recording
 
 from ..errors import ViewerError
 from ..rerun.annotations import layer_rrd, states
-from ..rerun.moments import moments_of_results
+from ..rerun.moments import OPENING_S, moments_of_results
 from ..rerun.timeline import Recipe, written_recipe
 from .server import address, listen, new_token, page_app, refusal, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from starlette.requests import Request
 
     from groundtrace.api.files import Report
     from groundtrace.api.progress import Progress
     from groundtrace_codecs.annotations import Annotation
+    from groundtrace_codecs.signals import Stream
 
 
 def serve(
@@ -97,14 +98,15 @@ def serve(
         try:
             rrd, shown = replayed(recording, results, pipeline, folder, report, progress)
             with Recording.open(recording) as opened:
-                moments = moments_of_results(shown, opened.streams)
+                streams = opened.streams
+            moments = RenewedMoments(shown, streams)
         except KeyboardInterrupt:
             report(f"stopped before the page was ready; {_kept(store, recording)}")
             return
         token, listening = new_token(), listen(port)
         desk = AnnotationSession(store, _application(shown), drawn)
         port = listening.getsockname()[1]
-        app = page_app(rrd, moments.json(), port, token, "server", api(desk))
+        app = page_app(rrd, moments.json, port, token, "server", api(desk))
         for remark in store.remarks:
             report(remark)
         with suppress(KeyboardInterrupt):
@@ -114,6 +116,32 @@ def serve(
                 lambda: _announce(address(port, token), open_browser, report),
             )
         report(f"stopped; {_kept(store, recording)}")
+
+
+class RenewedMoments:
+    """The moments of results: at once what is found soon, and all of them when they are there.
+
+    Parameters
+    ----------
+    results
+        What is shown.
+    streams
+        Of the recording.
+    """
+
+    def __init__(self, results: Results, streams: Sequence[Stream]) -> None:
+        first = moments_of_results(results, streams, within_s=OPENING_S)
+        self._json = first.json()
+        self._results, self._streams = results, streams
+        if first.pending:
+            threading.Thread(target=self._complete, daemon=True).start()
+
+    def json(self) -> bytes:
+        """Return those that are there as one JSON document."""
+        return self._json
+
+    def _complete(self) -> None:
+        self._json = moments_of_results(self._results, self._streams).json()
 
 
 def _kept(store: Annotations, recording: Path) -> str:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 import time
 from typing import TYPE_CHECKING
 
 from groundtrace.scratch import scratch_folder_until_exit
 
 from ..errors import ViewerError
-from ..rerun.moments import LiveMoments
+from ..rerun.moments import OPENING_S, LiveMoments
 from ..rerun.process import fetch, free_port, quiet_environment
 from .server import address, new_token
 
@@ -45,7 +46,37 @@ def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
     if shown.path is None:
         raise ViewerError("page: expected a replay with a file, found none")
     port, token = free_port(), new_token()
-    return address(port, token), serve_web(shown.path, port, token, shown.moments)
+    first = shown.moments_within(OPENING_S)
+    if not first.pending:
+        return address(port, token), serve_web(shown.path, port, token, first)
+    told = MomentsFile()
+    told.ended(first, shown)
+    return address(port, token), _served(shown.path, port, token, b"", str(told.path))
+
+
+class MomentsFile:
+    """The moments that a page asks for again while there may be more of them.
+
+    Attributes
+    ----------
+    path
+        Whole at any moment.
+    """
+
+    def __init__(self) -> None:
+        self.path = scratch_folder_until_exit() / "moments.json"
+
+    def tell(self, moments: PageMoments) -> None:
+        """Replace what the page asks for."""
+        fresh = self.path.with_suffix(".new")
+        fresh.write_bytes(moments.json())
+        fresh.replace(self.path)
+
+    def ended(self, first: PageMoments, shown: RerunSink) -> None:
+        """Tell those of a replay that has ended: the first, and all when they are there."""
+        self.tell(first)
+        if first.pending:
+            threading.Thread(target=lambda: self.tell(shown.moments), daemon=True).start()
 
 
 class LivePage:
@@ -67,7 +98,7 @@ class LivePage:
     def __init__(self, shown: RerunSink, report: Callable[[str], None]) -> None:
         self.server: subprocess.Popen[bytes] | None = None
         self._shown, self._report = shown, report
-        self._moments_file = scratch_folder_until_exit() / "moments.json"
+        self._told = MomentsFile()
         self._moments: LiveMoments | None = None
         self._told_s = 0.0
 
@@ -83,9 +114,9 @@ class LivePage:
         if self._shown.path is None:
             raise ViewerError("page: expected a replay with a file, found none")
         self._moments = LiveMoments(session)
-        self._tell(self._moments.so_far())
+        self._told.tell(self._moments.so_far())
         port, token = free_port(), new_token()
-        self.server = _served(self._shown.path, port, token, b"", str(self._moments_file))
+        self.server = _served(self._shown.path, port, token, b"", str(self._told.path))
         self._report(f"serving {address(port, token)}")
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -97,7 +128,7 @@ class LivePage:
         now = time.monotonic()
         if now - self._told_s >= TELL_S:
             self._told_s = now
-            self._tell(self._moments.so_far())
+            self._told.tell(self._moments.so_far())
 
     def abandon(self) -> None:
         """End without a result, and serve no more."""
@@ -107,19 +138,13 @@ class LivePage:
     def close(self) -> None:
         """End the replay; the page stays."""
         self._shown.close()
-        self._tell(self._shown.moments)
+        self._told.ended(self._shown.moments_within(OPENING_S), self._shown)
 
     def end(self) -> None:
         """Serve no more."""
         if self.server is not None:
             self.server.terminate()
             self.server.wait()
-
-    def _tell(self, moments: PageMoments) -> None:
-        """Replace what the page asks for, whole at any moment."""
-        fresh = self._moments_file.with_suffix(".new")
-        fresh.write_bytes(moments.json())
-        fresh.replace(self._moments_file)
 
 
 def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subprocess.Popen[bytes]:
@@ -152,13 +177,13 @@ def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subpro
 
 
 def _served(
-    path: Path, port: int, token: str, moments: bytes, *running: str
+    path: Path, port: int, token: str, moments: bytes, *renewed: str
 ) -> subprocess.Popen[bytes]:
-    """Start a page's server; ``running`` is where the moments of a replay that still runs are."""
+    """Start a page's server; ``renewed`` is where moments are that may be replaced."""
     server = ["-P", "-m", "groundtrace_viewers.web.server"]
     places = os.pathsep.join(place for place in sys.path if place)  # empty: the working folder
     process = subprocess.Popen(
-        [sys.executable, *server, str(path.resolve()), str(port), *running],
+        [sys.executable, *server, str(path.resolve()), str(port), *renewed],
         env={**quiet_environment(), "PYTHONPATH": places},
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,

@@ -3,8 +3,8 @@
 It listens on this machine only and answers only its own pages: it checks host and origin, so that
 no other site can reach it through a browser, and a token in the path of each address, so that no
 other user of this machine can. Its page connects to no other server. Token and moments come from
-standard input, a line each: others see the arguments of a process. Of a replay that is running the
-moments are in a file, MOMENTS, and the viewer's file is sent as it grows.
+standard input, a line each: others see the arguments of a process. Moments that may be replaced are
+in a file, MOMENTS; of a replay that is running the viewer's file is sent as it grows.
 """
 
 from __future__ import annotations
@@ -215,11 +215,11 @@ class Gate:
 POLL_S, _PIECE_BYTES = 0.05, 1 << 18
 
 
-def _fixed(path: str, content: bytes) -> Route:
+def _fixed(path: str, content: bytes | Callable[[], bytes]) -> Route:
     kind = KINDS[path.rpartition(".")[2]] if "." in path else KINDS["html"]
 
     async def answer(_: Request) -> Response:
-        return Response(content, media_type=kind)
+        return Response(content if isinstance(content, bytes) else content(), media_type=kind)
 
     return Route(path, answer)
 
@@ -277,7 +277,12 @@ def live_app(rrd: Path, moments: Path, port: int, token: str) -> ASGIApp:
 
 
 def page_app(
-    rrd: Path, moments: bytes, port: int, token: str, annotations: str, more: Sequence[Route] = ()
+    rrd: Path,
+    moments: bytes | Callable[[], bytes],
+    port: int,
+    token: str,
+    annotations: str,
+    more: Sequence[Route] = (),
 ) -> ASGIApp:
     """Return the page's server: an ASGI application.
 
@@ -286,7 +291,8 @@ def page_app(
     rrd
         The viewer's file.
     moments
-        As JSON, see :class:`~.rerun.moments.PageMoments`.
+        As JSON, see :class:`~.rerun.moments.PageMoments`; where there may be more of them, what
+        returns those that there are.
     port
         Where it will listen.
     token
@@ -432,13 +438,14 @@ def main(rrd: Path, port: int, token: str, moments: bytes | Path) -> None:
     rrd, port, token
         As of :func:`page_app`.
     moments
-        Those of a replay that has ended, or where those are of one that is running.
+        Those of a replay that has ended, or where those are that may be replaced.
     """
     listening = listen(port)
-    if isinstance(moments, Path):
+    if isinstance(moments, Path) and partial_of(rrd).exists():
         run(live_app(rrd, moments, port, token), listening)
-    else:
-        run(page_app(rrd, moments, port, token, "browser"), listening)
+        return
+    now = moments.read_bytes if isinstance(moments, Path) else moments
+    run(page_app(rrd, now, port, token, "browser"), listening)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 /* The wrong decision at the cursor: what, why, gates as bars, what mends it; and thresholds tried in place. */
 
 import { both_clocks, el, say } from "./dom.js";
+import { changed_pipeline, save } from "./exchange.js";
 
 /** A wrong decision this far from the cursor is not the one there [s]. */
 const NEAR_S = 1;
@@ -74,8 +75,8 @@ function bar(gate) {
 }
 
 export class Tuning {
-  /** @param {object[]} curves what each value of each threshold would make of the recording */
-  constructor(curves) {
+  /** @param {object} moments with what each value of each threshold would make of the recording */
+  constructor(moments) {
     this.which = document.getElementById("tuning-which");
     this.slider = document.getElementById("tuning-value");
     this.which.onchange = () => this.choose();
@@ -83,11 +84,18 @@ export class Tuning {
     const copy = document.getElementById("tuning-copy");
     copy.onclick = () => copied(this.setting(), copy);
     document.getElementById("tuning-reset").onclick = () => this.choose();
-    this.renew(curves);
+    this.save = document.getElementById("tuning-save");
+    this.save.onclick = () => {
+      save(this.changed(), "pipeline.toml", "application/toml");
+      say(`pipeline.toml with ${this.setting().replace("--set ", "")}`);
+    };
+    this.renew(moments);
   }
 
   /** Take other curves: those of a replay that has ended. */
-  renew(curves) {
+  renew(moments) {
+    const curves = moments.curves ?? [];
+    this.pipeline = moments.pipeline ?? "";
     this.curves = curves;
     document.getElementById("tuning").hidden = !curves.length;
     const names = curves.map((c, i) => el("option", { value: String(i) }, `${c.stage}.${c.parameter}`));
@@ -110,6 +118,12 @@ export class Tuning {
     return Math.max(0, this.curve.values.indexOf(this.curve.now));
   }
 
+  /** Return the pipeline with the chosen value, or null where it does not say that parameter. */
+  changed() {
+    const c = this.curve;
+    return changed_pipeline(this.pipeline, c.stage, c.parameter, c.values[Number(this.slider.value)]);
+  }
+
   setting() {
     const c = this.curve;
     return `--set ${c.stage}.${c.parameter}=${c.values[Number(this.slider.value)]}`;
@@ -124,6 +138,7 @@ export class Tuning {
     const text = (id, words) => { document.getElementById(id).textContent = words; };
     text("tuning-counts", ["right", "missed", "false"].map(changed).join(", "));
     text("tuning-setting", this.setting());
+    this.save.disabled = this.changed() === null;
     this.slider.setAttribute("aria-valuetext", `${c.values[to]}${unit}: ${changed("right")}`);
     const wrong = (i) => c.missed[i] + c.false[i];
     const verdict = wrong(to) < wrong(from) ? "good" : wrong(to) > wrong(from) ? "missed" : "";

@@ -8,7 +8,7 @@ import { Keys } from "./keys.js";
 import { Link } from "./link.js";
 import { Marks, SPANS } from "./marks.js";
 import { Player } from "./player.js";
-import { exported } from "./exchange.js";
+import { exported, save } from "./exchange.js";
 import { BrowserStore, ServerStore } from "./stores.js";
 import { Strip } from "./strip.js";
 import { Viewer } from "./viewer.js";
@@ -16,8 +16,9 @@ import { Viewer } from "./viewer.js";
 const byId = (id) => document.getElementById(id);
 /** A sample of a recording whose rate the page was not told [s]. */
 const UNKNOWN_SAMPLE_S = 0.001;
-/** While a replay is running the page asks for what is new after this [ms]. */
+/** While a replay is running the page asks for what is new after this, and for causes that are looked for [ms]. */
 const RENEW_MS = 500;
+const CAUSES_MS = 2000;
 
 /** Return a short period as text. */
 function period_text(seconds) {
@@ -35,7 +36,7 @@ class Page {
     this.player = new Player(moments.duration_s, (seconds) => this.viewer.seek(seconds), () => this.changed());
     this.jumps = new Jumps(moments, (seconds) => this.go(seconds));
     this.decision = new Decision(moments.misses);
-    this.tuning = new Tuning(moments.curves ?? []);
+    this.tuning = new Tuning(moments);
     this.link = new Link(() => this.moments.misses, (seconds) => this.go(seconds), (at) => this.decision.number(at));
     this.strip = new Strip(byId("strip"), moments.duration_s, (seconds) => this.go(seconds));
     this.marks = new Marks(kept ? new ServerStore() : new BrowserStore(moments, config.marks ?? []), this);
@@ -209,10 +210,7 @@ class Page {
   /** Save the marks as a file. */
   download() {
     const name = this.moments.recording.replace(/\.[^.]*$/, "");
-    const link = el("a", { download: `${name}.annotations.json` });
-    link.href = URL.createObjectURL(new Blob([exported(this.moments, this.marks.all)], { type: "application/json" }));
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+    save(exported(this.moments, this.marks.all), `${name}.annotations.json`, "application/json");
   }
 
   typed_time(text) {
@@ -257,6 +255,7 @@ class Page {
     byId("status").hidden = true;
     if (this.moments.live) this.renew();
     else this.go(this.opening());
+    if (this.moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     this.opened = true;
     if (this.marking) await this.layer();
     document.documentElement.dataset.state = "ready";
@@ -277,16 +276,18 @@ class Page {
     byId("duration").textContent = `${clock}of ${duration_s.toFixed(1)} s${live ? ", live" : ""}`;
   }
 
-  /** Take what is new of a replay that is running, until it has ended. */
+  /** Take what is new of a replay that is running, until it has ended and all causes are known. */
   async renew() {
     const moments = await document_of("moments.json");
+    if (moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
+    if (moments.pending && moments.pending === this.moments.pending) return;
     Object.assign(this.moments, moments);
     this.player.duration = moments.duration_s;
     this.strip.duration = Math.max(moments.duration_s, 1e-9);
     this.jumps.renew(moments);
     if (!moments.live) {
       this.decision.renew(moments.misses);
-      this.tuning.renew(moments.curves ?? []);
+      this.tuning.renew(moments);
     }
     this.tell_duration();
     this.changed();
