@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,6 +95,14 @@ def drawn(page: Page, name: str) -> np.ndarray:
     raise AssertionError(f"the viewer drew nothing; see {ARTEFACTS / name}.png")
 
 
+def until(page: Page, expression: str) -> None:
+    """Wait until an expression is true; the page's policy forbids it to evaluate one again."""
+    deadline = time.monotonic() + PATIENCE_MS / 1e3
+    while not page.evaluate(expression):
+        assert time.monotonic() < deadline, expression
+        page.wait_for_timeout(100)
+
+
 def cursor(page: Page) -> float:
     page.wait_for_timeout(100)
     return float(page.input_value("#time"))
@@ -130,12 +139,12 @@ def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
         after = drawn(page, "walk-annotated")
         assert (np.abs(after - before).max(axis=2) > 40).any()
         here = cursor(page)
-        page.wait_for_function(f"location.hash.startsWith('#t={here:g}')")
+        until(page, f"location.hash.startsWith('#t={here:g}')")
         page.reload()
         ready(page)
         assert cursor(page) == pytest.approx(here, abs=1e-5)  # the address leads back
         page.evaluate("location.hash = '#t=1.5'")
-        page.wait_for_function("document.getElementById('time').value === '1.500000'")
+        until(page, "document.getElementById('time').value === '1.500000'")
         page.locator("#viewer").focus()
         page.keyboard.press("Tab")  # the viewer lets the focus go
         assert page.evaluate("document.activeElement.id") == "help-button"
@@ -253,9 +262,9 @@ def test_a_wrong_decision_is_told_to_all_and_a_change_of_it_is_a_pipeline(
         assert places == sorted(places)
 
         page.keyboard.press("m")
-        page.wait_for_function("/missed/.test(document.getElementById('said').textContent)")
+        until(page, "/missed/.test(document.getElementById('said').textContent)")
         page.keyboard.press("Shift+ArrowDown")
-        page.wait_for_function("/^missed at/.test(document.getElementById('said').textContent)")
+        until(page, "/^missed at/.test(document.getElementById('said').textContent)")
 
         page.select_option("#tuning-which", label="steps.score")
         page.locator("#tuning-value").press("Home")
