@@ -94,6 +94,8 @@ class ViewContext:
         Show a street map.
     channels
         Whose spectrograms are shown; empty takes the first seismic channel's.
+    watched
+        Somebody looks on while it is replayed: what is drawn in the end is drawn as it comes, too.
 
     Attributes
     ----------
@@ -123,10 +125,12 @@ class ViewContext:
         chunk_s: float | None = None,
         map_tiles: bool = False,
         channels: Sequence[str] = (),
+        watched: bool = False,
     ) -> None:
         self.timeline = Timeline(recording, session.start_ns)
         self.session, self.plan = session, plan
         self.chunk_s, self.map_tiles, self.channels = chunk_s, map_tiles, channels
+        self.watched = watched
         self.colours = SensorColours(session)
         self.lanes = StageLanes(self.timeline, ordered=True)
         self.lines = LogLines(self.timeline)

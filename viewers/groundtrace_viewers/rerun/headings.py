@@ -33,7 +33,7 @@ from .timeline import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -59,6 +59,8 @@ TURN, MOST_RATIO = 185.0, 3.0
 ALONE = ("gyroscope", "compass")
 #: The dial is drawn so often, in long recordings less: at most so many times.
 DIAL_NS, MOST_DIALS = 100_000_000, 18_000
+#: While headings come, those at the cursor are told beside so many of the last pieces of frames.
+LAST_BLOCKS = 8
 #: An error is told that is beyond so many claimed deviations for so long [s]. Chosen by judgement.
 BEYOND, LASTING_S = 3.0, 0.2
 #: Half the side of the dial's view, the radius of its ring, and of what is in it.
@@ -153,6 +155,18 @@ def ratios(gates: Sequence[GateSpec], value: Array) -> Array:
     return clipped
 
 
+def _merged(parts: Sequence[Frames]) -> Frames | None:
+    """Return frames as one, in the order of time; None of none."""
+    if not parts:
+        return None
+    order = np.argsort(np.concatenate([f.times for f in parts]), kind="stable")
+    names = [n for n in ALONE if all(n in frames.alone for frames in parts)]
+    alone = {n: np.concatenate([f.alone[n] for f in parts])[order] for n in names}
+    times = np.concatenate([f.times for f in parts])[order]
+    ratio = np.concatenate([f.ratio for f in parts])[order]
+    return Frames(times, ratio, np.concatenate([f.value for f in parts])[order], alone)
+
+
 class HeadingView(View):
     """Logs headings in degrees, their error where truth is known, and a dial at the cursor.
 
@@ -195,7 +209,8 @@ class HeadingView(View):
         self._lane.add(disturbance.time_ns, "disturbed", disturbance.end_ns)
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
-        """Log the headings that are pending."""
+        """Log the headings that are pending, and while somebody looks on the dial."""
+        fresh = self._deciding(self._pending)
         for stage, headings in self._pending.items():
             times = np.array([h.time_ns for h in headings], np.int64)
             sigma = np.degrees([h.sigma_rad for h in headings])
@@ -217,27 +232,25 @@ class HeadingView(View):
             self._frames.append(Frames(block.time_ns, ratio, value, alone))
             self._spec = block.spec
         self._blocks = []
+        if fresh and self._context.watched:
+            gates = self._spec.gates if self._spec is not None else ()
+            self._story(fresh, self._frames[-LAST_BLOCKS:]).log_cursor(gates)
+
+    def _deciding(self, found: Mapping[str, list[Heading]]) -> list[Heading]:
+        """Return the headings of the stage with the last word, else of the first one."""
+        last = self._context.stages.last("heading")
+        stage = last.stage if last is not None and last.stage in found else next(iter(found), "")
+        return found.get(stage, [])
+
+    def _story(self, headings: Sequence[Heading], frames: Sequence[Frames]) -> _Story:
+        return _Story(self._context, headings, self._truth, self._spans, _merged(frames))
 
     def close(self) -> None:
         """Log what is pending, what is disturbed, errors, and the dial."""
         self.flush()
         self._lane.flush()
-        if not self._found:
-            return
-        last = self._context.stages.last("heading")
-        stage = last.stage if last is not None and last.stage in self._found else self._stages[0]
-        story = _Story(self._context, self._found[stage], self._truth, self._spans, self._merged())
-        story.log(self._spec)
-
-    def _merged(self) -> Frames | None:
-        if not self._frames:
-            return None
-        order = np.argsort(np.concatenate([f.times for f in self._frames]), kind="stable")
-        names = [n for n in ALONE if all(n in frames.alone for frames in self._frames)]
-        alone = {n: np.concatenate([f.alone[n] for f in self._frames])[order] for n in names}
-        times = np.concatenate([f.times for f in self._frames])[order]
-        ratio = np.concatenate([f.ratio for f in self._frames])[order]
-        return Frames(times, ratio, np.concatenate([f.value for f in self._frames])[order], alone)
+        if self._found:
+            self._story(self._deciding(self._found), self._frames).log(self._spec)
 
     def _begin(self, stage: str) -> None:
         if not self._stages and len(self._truth):
@@ -299,7 +312,6 @@ class _Story:
     def log(self, spec: StageSpec | None) -> None:
         """Log all of it."""
         times = np.array([h.time_ns for h in self.headings], np.int64)
-        degrees = np.degrees([h.heading_rad for h in self.headings])
         sigma = np.degrees([h.sigma_rad for h in self.headings])
         _shade(self._timeline, HEADING, self.spans, TURN)
         if len(self.truth):
@@ -308,7 +320,7 @@ class _Story:
         if gates and self.frames is not None:
             self._log_gates(gates)
         self._log_spans(gates)
-        self._log_cursor(times, degrees, sigma, gates)
+        self.log_cursor(gates)
 
     @property
     def _timeline(self) -> Timeline:
@@ -423,13 +435,14 @@ class _Story:
         value = self.frames.value[first + int(row), int(column)]
         return f": {_compared(gates[int(column)], float(value))}"
 
-    def _log_cursor(
-        self, times: Times, degrees: Array, sigma: Array, gates: Sequence[GateSpec]
-    ) -> None:
+    def log_cursor(self, gates: Sequence[GateSpec]) -> None:
         """Log the dial and the words at the cursor."""
         import rerun as rr
 
         timeline = self._timeline
+        times = np.array([h.time_ns for h in self.headings], np.int64)
+        degrees = np.degrees([h.heading_rad for h in self.headings])
+        sigma = np.degrees([h.sigma_rad for h in self.headings])
         start_ns, end_ns = int(times[0]), int(times[-1])
         step_ns = max(DIAL_NS, (end_ns - start_ns) // MOST_DIALS)
         now = np.arange(start_ns, end_ns + 1, step_ns)

@@ -36,7 +36,7 @@ from .timeline import (
 from .wrong_decisions import results_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -166,6 +166,7 @@ class ShotViews(View):
         self._context = context
         self._shots: list[Shot] = []
         self._events: list[Event] = []
+        self._told: set[int] = set()
         self._page = _Drawing(context.timeline, _ORDER)
         self._streams = {s.topic: s.columns_of(SEISMIC_QUANTITIES) for s in context.session.streams}
         context.summed.add("pick")
@@ -232,12 +233,16 @@ class ShotViews(View):
 
     def flush(self, before_ns: int | None = None) -> None:
         """Log the sections that are picked, and in the end all, with the picks that came since."""
+        fresh = []
         for number, shot in enumerate(self._shots):
             if before_ns is not None and (shot.time_ns + AFTER_NS > before_ns or not shot.picks):
                 continue
             self._record(shot)
             if shot.drawn != len(shot.picks):
                 self._page.section(shot, self._begins(number))
+                fresh.append(number)
+        if fresh and before_ns is not None and self._context.watched:
+            self._tell(fresh, {})
 
     def _begins(self, number: int) -> int:
         """Return from when on a shot is the one at the cursor [ns]: the first one always is."""
@@ -246,21 +251,32 @@ class ShotViews(View):
 
     def close(self) -> None:
         """Log what is known when all shots are."""
-        context, why = self._context, self._why()
         self.flush()
-        shots = [(shot, self._begins(k), k + 1) for k, shot in enumerate(self._shots) if shot.names]
+        self._tell(range(len(self._shots)), self._why())
+        wrong = next((s for s in self._shots if s.names and (s.wrong or s.lost)), None)
+        if wrong is not None:
+            self._context.opens_ns = wrong.time_ns
+
+    def _tell(self, fresh: Iterable[int], why: Mapping[tuple[str, int], BadPick]) -> None:
+        """Log travel times, and of some shots by number the words and the place in the whole."""
+        context, page = self._context, self._page
+        numbers = [k for k in fresh if self._shots[k].names]
+        shots = [self._shots[k] for k in numbers]
         if not shots:
             return
-        self._page.travel_times([(shot, begins) for shot, begins, _ in shots])
-        texts = [card(s, n, len(self._shots), context.timeline, why) for s, _, n in shots]
-        self._page.cards([begins for _, begins, _ in shots], texts)
-        self._page.overview([shot for shot, _, _ in shots], context.span_ns)
-        for shot, _, number in shots:
-            text, level = line(shot, number, context.timeline)
-            context.lines.add("shots", shot.time_ns, text, level)
-        wrong = next((shot for shot, _, _ in shots if shot.wrong or shot.lost), None)
-        if wrong is not None:
-            context.opens_ns = wrong.time_ns
+        known = [(shot, self._begins(k)) for k, shot in enumerate(self._shots) if shot.names]
+        page.travel_times(known)
+        texts = [
+            card(self._shots[k], k + 1, len(self._shots), context.timeline, why) for k in numbers
+        ]
+        page.cards([self._begins(k) for k in numbers], texts)
+        most = max(len(shot.names) for shot, _ in known)
+        page.overview(shots, most, context.span_ns)
+        for number, shot in zip(numbers, shots, strict=True):
+            if shot.time_ns not in self._told:
+                self._told.add(shot.time_ns)
+                text, level = line(shot, number + 1, context.timeline)
+                context.lines.add("shots", shot.time_ns, text, level)
 
     def _why(self) -> Mapping[tuple[str, int], BadPick]:
         """Return the account of bad picks, by channel and true arrival [ns]."""
@@ -507,12 +523,11 @@ class _Drawing(Sketch):
         columns = rr.TextDocument.columns(text=list(texts), media_type=types)
         self.timeline.send(PICKS, list(times), columns)
 
-    def overview(self, shots: Sequence[Shot], span_ns: tuple[int, int]) -> None:
-        """Log how many picks of each shot are right and wrong, over the whole recording."""
+    def overview(self, shots: Sequence[Shot], most: int, span_ns: tuple[int, int]) -> None:
+        """Log how many picks of shots, of ``most`` traces, are right and wrong."""
         import rerun as rr
 
         title = "Shots of the recording, yellow: ● right picks, × wrong or missing"
-        most = max(len(shot.names) for shot in shots)
         self.timeline.declare(Entity(SHOTS, "shots", title, top=1.05 * most))
         off = rr.components.AggregationPolicy.Off
         for what, colour, values in (

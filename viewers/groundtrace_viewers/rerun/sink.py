@@ -120,6 +120,7 @@ class RerunSink:
         self._outlet: Outlet | None = None
         self._replay: TimelineReplay | None = None
         self._watched = False
+        self._laid_out: tuple[int, frozenset[str]] = (0, frozenset())
         self._events: list[Event] = []
 
     def expected(self, session: ReplaySession) -> str:
@@ -166,6 +167,7 @@ class RerunSink:
             chunk_s=pace.chunk_s,
             map_tiles=self._map_tiles,
             channels=self._channels,
+            watched=self._watched,
         )
         self._replay = TimelineReplay(context, pace)
         if self._watched:
@@ -175,18 +177,25 @@ class RerunSink:
         if self._recording is not None and self._session is not None and self._replay is not None:
             entities = self._replay.context.timeline.entities
             layout = blueprint(self._session, entities, self._replay.shown, follow=follow)
+            self._laid_out = self._known()
             send_layout(self._recording, layout)
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take one block or event, in time order."""
         if self._replay is None:
             raise ViewerError("viewer: expected open() before write(), found none")
-        stages = len(self._replay.context.stages)
         self._replay.write(item)
         if self._web and not isinstance(item, SignalBlock):
             self._events.append(item)
-        if self._watched and len(self._replay.context.stages) > stages:
+        if self._watched and self._laid_out != self._known():
             self._send_layout(follow=True)
+
+    def _known(self) -> tuple[int, frozenset[str]]:
+        """Return what a layout depends on while data come: stages, and kinds of what is drawn."""
+        if self._replay is None:
+            return 0, frozenset()
+        context = self._replay.context
+        return len(context.stages), context.timeline.roles
 
     def abandon(self) -> None:
         """End without giving the file its name: what was written stays in NAME.partial."""

@@ -144,6 +144,7 @@ class Timeline:
         self._recording = recording
         self._start_ns = start_ns
         self._entities: dict[str, Entity] = {}
+        self._roles: frozenset[str] = frozenset()
         self._rows: dict[int, list[str]] = {}
         self._levels: dict[str, NDArray[np.floating]] = {}
 
@@ -157,10 +158,16 @@ class Timeline:
         """What was declared, in order."""
         return tuple(self._entities.values())
 
+    @property
+    def roles(self) -> frozenset[str]:
+        """The roles of what was declared."""
+        return self._roles
+
     def declare(self, entity: Entity, *static: AsComponents) -> None:
         """Announce an entity to the layout and log what does not change about it, once."""
         if entity.path not in self._entities:
             self._entities[entity.path] = entity
+            self._roles |= {entity.role}
             self.static(entity.path, *static)
 
     def static(self, path: str, *archetypes: AsComponents) -> None:

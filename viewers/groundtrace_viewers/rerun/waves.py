@@ -20,7 +20,7 @@ from .timeline import ACCEPTED, FAINT, MISSED, OUTLINE, TRACE, TRUTH, Entity
 from .wrong_decisions import TOLERANCE_NS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -92,12 +92,15 @@ class StepWaves(View):
         self._found: list[int] = []
         self._candidates: list[CandidateBlock] = []
         self._streams: dict[str, list[int]] = {}
+        self._drawn_ns: int | None = None
+        self._unanswered: list[int] = []
+        self._ended_ns = 0
 
     @staticmethod
     def fits(context: ViewContext) -> bool:
-        """Whether steps in a room are replayed, and truth says when they were."""
+        """Whether steps in a room are replayed, and truth says when they were, or they come now."""
         known = any(x.kind in ("step", "impact") for x in context.session.labels)
-        return context.session.application == "room" and known
+        return context.session.application == "room" and (known or context.session.live)
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block: the waves of steps that end before its end are there."""
@@ -111,14 +114,24 @@ class StepWaves(View):
                 break
             self._keep(time_ns)
             self._next += 1
+        self._ended_ns = max(self._ended_ns, block.end_ns)
+        self._keep_answers(self._ended_ns)
+
+    def _keep_answers(self, end_ns: int) -> None:
+        """Keep the waves of steps that answer no true one, once they are there."""
+        there = [t for t in self._unanswered if t + AFTER_NS <= end_ns]
+        for time_ns in there:
+            self._keep(time_ns)
+            self._unanswered.remove(time_ns)
 
     def step(self, step: StepEvent) -> None:
         """Take a step; of those that answer no true one the waves are kept as well."""
         if not self._context.stages.decides("step", step):
             return
         self._found.append(step.time_ns)
-        if len(self._true) and np.abs(self._true - step.time_ns).min() > TOLERANCE_NS:
-            self._keep(step.time_ns)
+        if not len(self._true) or np.abs(self._true - step.time_ns).min() > TOLERANCE_NS:
+            self._unanswered.append(step.time_ns)
+            self._keep_answers(self._ended_ns)
 
     def candidates(self, block: CandidateBlock) -> None:
         """Keep what channels picked, and what they did not."""
@@ -137,17 +150,39 @@ class StepWaves(View):
             times, values = averaged((piece[0] - time_ns) / 1e6, piece[1])
             self._waves.setdefault(time_ns, []).append(Wave(topic, names, times, scaled(values)))
 
+    def flush(self, before_ns: int | None = None) -> None:
+        """Draw those of steps before a time while somebody looks on: they are decided."""
+        context = self._context
+        if before_ns is None or not context.watched or context.stages.last("step") is None:
+            return
+        found = set(self._found)
+        self._draw_all([t for t in sorted(self._waves) if t in found or t < before_ns])
+        # a replay that goes on for days keeps nothing that is drawn
+        kept = [b for b in self._candidates if b.time_ns[-1] >= before_ns - LATE_NS]
+        self._candidates = kept or self._candidates[-1:]
+        self._found = [t for t in self._found if t >= before_ns - LATE_NS]
+
     def close(self) -> None:
         """Draw them, where a stage finds steps."""
-        context, times = self._context, sorted(self._waves)
-        if context.stages.last("step") is None or not times:
+        self._keep_answers(self._ended_ns + AFTER_NS)
+        times = sorted(self._waves)
+        if self._context.stages.last("step") is None or not times:
             return
         if len(times) > MOST_STEPS:
             times = [t for t in times if self._wrong(t)][:MOST_STEPS]
-        for number, time_ns in enumerate(times):
-            ahead = AHEAD_NS if not number else min(AHEAD_NS, (time_ns - times[number - 1]) // 2)
-            when = time_ns - ahead if number else min(context.span_ns[0], time_ns)
+        self._draw_all(times)
+
+    def _draw_all(self, times: Sequence[int]) -> None:
+        """Draw the waves of steps, each once."""
+        for time_ns in times:
+            last_ns = self._drawn_ns
+            ahead = AHEAD_NS if last_ns is None else min(AHEAD_NS, abs(time_ns - last_ns) // 2)
+            when = time_ns - ahead
+            if last_ns is None:
+                when = min(self._context.span_ns[0], time_ns)
             self._draw(time_ns, when)
+            self._drawn_ns = time_ns
+            del self._waves[time_ns]
 
     def _wrong(self, time_ns: int) -> bool:
         """Whether a true step was not found at its time, or a found one is none."""
