@@ -1,0 +1,133 @@
+"""How long a page takes to its first picture, in headless Chromium: docs/page.md.
+
+A recording of ten minutes of 16 channels at 20 kHz is simulated, replayed, and served from this
+machine; then a page is opened some times. Beside it stands the same viewer with nothing to show:
+what its own start takes. Without a graphics card all of it is drawn by the processor.
+
+Run: python bench/first_picture.py [--minutes 10] [--runs 3] [--folder FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import contextlib
+import io
+import statistics
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pictures import browsing, quietly
+from PIL import Image
+
+from groundtrace.pipeline.results import read_results
+from groundtrace_codecs.recording import Recording
+from groundtrace_viewers.rerun.moments import OPENING_S, moments_of_results
+from groundtrace_viewers.web.server import address, listen, new_token, page_app, run
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from playwright.sync_api import Browser, Page
+
+SIZE = {"width": 1280, "height": 720}
+#: The width of the viewer's part of it. A picture with curves has this part of the colours of the
+#: last one, which is taken so long after the page is ready [ms]; one of map and texts has a third.
+STAGE, MOST, SETTLED_MS = 900, 0.5, 5000
+PATIENCE_S = 120.0
+#: When the page had what, since it was asked for [s].
+MARKS = """() => Object.fromEntries(performance.getEntriesByType("mark")
+    .map((mark) => [mark.name, mark.startTime / 1e3]))"""
+
+
+@contextlib.contextmanager
+def served(rrd: Path, moments: bytes) -> Iterator[str]:
+    """Serve a page from a thread, until this process ends."""
+    token, listening = new_token(), listen(0)
+    port = listening.getsockname()[1]
+    app = page_app(rrd, moments, port, token, "browser")
+    threading.Thread(target=run, args=(app, listening), daemon=True).start()
+    yield address(port, token)
+
+
+class Cast:
+    """Watches a page's pictures as the browser shows them; taking some would make it draw them."""
+
+    def __init__(self, page: Page) -> None:
+        self._pictures: list[tuple[float, str]] = []
+        self._session = page.context.new_cdp_session(page)
+        self._session.on("Page.screencastFrame", self._take)
+        self._session.send("Page.startScreencast", {"format": "jpeg", "quality": 80})
+
+    def _take(self, frame: dict[str, Any]) -> None:
+        self._pictures.append((frame["metadata"]["timestamp"], frame["data"]))
+        self._session.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    def first_drawn(self) -> float:
+        """Return when the first picture that has most of what the last one has was shown [s]."""
+        colours = [(at, _colours(data)) for at, data in self._pictures]
+        return next(at for at, count in colours if count > MOST * colours[-1][1])
+
+
+def _colours(data: str) -> int:
+    """Return how many colours the viewer's part of a picture has."""
+    with Image.open(io.BytesIO(base64.b64decode(data))) as image:
+        stage = image.convert("RGB").crop((0, 0, STAGE, image.height))
+    return len(np.unique(np.asarray(stage).reshape(-1, 3), axis=0))
+
+
+def opened(browser: Browser, url: str) -> dict[str, float]:
+    """Open a page in a fresh profile; return when it had what [s]."""
+    context = browser.new_context(viewport=SIZE)  # type: ignore[arg-type]
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_S * 1e3)
+    page.add_init_script("console.debug = () => {}")  # the viewer says very much
+    cast = Cast(page)
+    began = time.time()
+    page.goto(url, wait_until="commit")
+    page.wait_for_selector("html[data-state=ready]")
+    page.wait_for_timeout(SETTLED_MS)
+    times: dict[str, float] = page.evaluate(MARKS)
+    picture = cast.first_drawn()
+    context.close()
+    return times | {"picture": picture - began}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--folder", type=Path)
+    asked = parser.parse_args()
+    with contextlib.ExitStack() as stack:
+        folder = asked.folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        whole, short = folder / "whole.mcap", folder / "short.mcap"
+        for path, seconds in ((whole, 60 * asked.minutes), (short, 5.0)):
+            if not path.exists():
+                options = ("--channels", "16", "--rate-hz", "20000", "--seed", "8")
+                quietly("simulate", "room", "-o", str(path), "--duration-s", str(seconds), *options)
+            if not path.with_suffix(".rrd").exists():
+                out = ("--out", str(path.with_suffix(".results.mcap")), "--force")
+                quietly("replay", str(path), "--rrd", str(path.with_suffix(".rrd")), *out)
+        browser = stack.enter_context(browsing())
+        print(f"{'':24}{'compiled':>10}{'started':>10}{'opened':>10}{'picture':>10}{'MB':>8}")
+        for name, path in (("5 s", short), (f"{asked.minutes:g} min", whole)):
+            with Recording.open(path) as recording:
+                results = read_results(path.with_suffix(".results.mcap"))
+                moments = moments_of_results(results, recording.streams, within_s=OPENING_S)
+            rrd = path.with_suffix(".rrd")
+            url = stack.enter_context(served(rrd, moments.json()))
+            runs = [opened(browser, url) for _ in range(asked.runs)]
+            columns = ("viewer-compiled", "viewer-started", "recording-opened", "picture")
+            cells = [statistics.median(one[column] for one in runs) for column in columns]
+            size = rrd.stat().st_size / 1e6
+            print(f"{name + ', 16 x 20 kHz':24}", *(f"{s:9.2f}" for s in cells), f"{size:7.1f}")
+
+
+if __name__ == "__main__":
+    main()
