@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import isinf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
     from .timeline import Bounds, Entity
 
+#: Component of a page.
+TEXT = "TextDocument:text"
 #: A view and its share of the height.
 Part = tuple["rrb.View | rrb.Container", float]
 
@@ -834,3 +836,28 @@ def layout_of(rrd: Path) -> bytes:
     binary = rr.binary_stream(target)
     bindings.send_blueprint(kept.storage, True, True, recording=target.to_native())
     return binary.read() or b""
+
+
+class Told(NamedTuple):
+    """What a viewer's file says of itself: whose it is, and its page."""
+
+    recording_id: str
+    page: str
+
+
+def told_by(rrd: Path) -> Told | None:
+    """Return what a viewer's file says of itself; None where it is none, or has no page."""
+    import rerun as rr
+
+    try:
+        reader = rr.chunk.RrdReader(str(rrd))
+        recordings = reader.recordings()
+        chunks = reader.stream().filter(content=PAGE) if recordings else ()
+        for chunk in chunks:
+            batch = chunk.to_record_batch()
+            if TEXT in batch.schema.names:
+                [page] = batch.column(TEXT).to_pylist()[0]
+                return Told(recordings[0].recording_id, page)
+    except (OSError, RuntimeError, ValueError):
+        pass
+    return None

@@ -34,8 +34,9 @@ from groundtrace_codecs.recording import Recording
 
 from ..errors import ViewerError
 from ..rerun.annotations import layer_rrd, states
+from ..rerun.blueprint import told_by
 from ..rerun.moments import OPENING_S, moments_of_results
-from ..rerun.timeline import Recipe, written_recipe
+from ..rerun.timeline import Recipe, stream_of, written_recipe
 from .server import address, listen, new_token, page_app, refusal, run
 
 if TYPE_CHECKING:
@@ -61,8 +62,9 @@ def serve(
 ) -> None:
     """Serve the page that annotates a recording, until Ctrl-C.
 
-    The recording is replayed first, in a folder that goes when the server ends. Marks are on the
-    disk before a page hears that they are kept.
+    Where ``groundtrace replay`` left its timeline beside the results, that is shown; else the
+    recording is replayed first, in a folder that goes when the server ends. Marks are on the disk
+    before a page hears that they are kept.
 
     Parameters
     ----------
@@ -96,7 +98,12 @@ def serve(
     ):
         drawn = store.items
         try:
-            rrd, shown = replayed(recording, results, pipeline, folder, report, progress)
+            earlier = there(recording, results)
+            if earlier is not None:
+                rrd, shown = earlier
+                drawn = shown.annotations
+            else:
+                rrd, shown = replayed(recording, results, pipeline, folder, report, progress)
             with Recording.open(recording) as opened:
                 streams = opened.streams
             moments = RenewedMoments(shown, streams)
@@ -150,6 +157,36 @@ def _kept(store: Annotations, recording: Path) -> str:
     if count == 0:
         return f"{recording.name} has no annotations"
     return f"{count} annotation{' is' if count == 1 else 's are'} kept in {kept}"
+
+
+def there(recording: Path, results: Path | None) -> tuple[Path, Results] | None:
+    """Return the timeline that a replay left with its results, and these; None where it did not.
+
+    It must lie beside them, be no older, and say that it shows a recording of this name by their
+    pipeline.
+
+    Parameters
+    ----------
+    recording, results
+        As :func:`serve`.
+
+    Raises
+    ------
+    ViewerError
+        Where the results are of another recording.
+    """
+    if results is None:
+        return None
+    shown = read_results(results)
+    _check(shown, recording)
+    rrd = results.with_name(f"{results.stem.removesuffix('.results')}.rrd")
+    if not rrd.is_file() or rrd.stat().st_mtime_ns < results.stat().st_mtime_ns:
+        return None
+    told = told_by(rrd)
+    expected = stream_of(recording.name, _application(shown)).get_recording_id()
+    if told is None or told.recording_id != expected:
+        return None
+    return (rrd, shown) if shown.provenance.pipeline.strip() in told.page else None
 
 
 def replayed(
