@@ -189,6 +189,11 @@ class Recording:
         return min(firsts, default=0)
 
     @property
+    def set_back(self) -> bool:
+        """Whether the clock was set back while it was recorded: some times come twice."""
+        return self._clock is not None
+
+    @property
     def _edges_ns(self) -> tuple[int, ...]:
         """Where a clock that was set back goes on, in times of reading [ns]."""
         return () if self._clock is None else self._clock.edges_ns

@@ -18,6 +18,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..errors import RecordingError, UsageError
 from ..explain.suitability import Prepared, prepared
 from ..pipeline.config import (
+    Pipeline,
     PipelineConfig,
     build_pipeline,
     checked_pipeline,
@@ -41,6 +42,7 @@ from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from concurrent.futures import Future
     from threading import Event as Stop
 
     from groundtrace_codecs.events import Event, Gap, Label, Note
@@ -132,6 +134,8 @@ class PlannedReplay:
         First and last time [ns]; None where it begins or ends by itself.
     live
         The recording where it still grows; ``recording`` is its beginning then.
+    hashed
+        The SHA-256 of the recording, where it is computed beside the replay.
     """
 
     recording: File
@@ -140,6 +144,7 @@ class PlannedReplay:
     session: ReplaySession
     span: tuple[int | None, int | None]
     live: LiveRecording | None = None
+    hashed: Future[str] | None = None
 
     @classmethod
     def of(
@@ -225,7 +230,8 @@ class PlannedReplay:
     @property
     def _known_late(self) -> bool:
         """Whether the recording's bytes are known only when it was read."""
-        return self.live is not None or self.recording.file.remote
+        late = self.live is not None or self.hashed is not None
+        return late or self.recording.file.remote
 
     def _complete(self, sinks: Sequence[Sink]) -> None:
         """Let results say which bytes they are of, where these end, and what truth came late."""
@@ -239,6 +245,8 @@ class PlannedReplay:
         sha256 = ""  # of a part of what is elsewhere: the rest is not fetched for it
         if live is not None:
             sha256 = live.sha256()
+        elif self.hashed is not None:
+            sha256 = self.hashed.result()
         elif self.read_span == (None, None):
             sha256 = self.recording.file.sha256()
         end_ns = self.session.end_ns if live is None else live.end_ns
@@ -277,12 +285,28 @@ class PlannedReplay:
             said.append(f"the {seconds:.1f} s after it, on all of which {after[0]} depends")
         return f"the span is replayed with {' and '.join(said)}" if said else ""
 
+    def signal(self, block_s: float | None = None) -> Iterable[SignalBlock | Gap | Note]:
+        """Return what is replayed of the recording, with warnings of worn sensors.
+
+        Blocks are as long as those of :class:`.pipeline.source.Source`.
+        """
+        start_ns, stop_ns = self.read_span
+        source = Source(
+            self.live or self.recording,
+            start_ns=start_ns,
+            stop_ns=stop_ns,
+            block_s=block_s,
+            in_whole=True,
+        )
+        return with_warnings(source, self.ready.looked_at)
+
     def run(
         self,
         sinks: Sequence[Sink],
         *,
         rate: float = 0.0,
         progress: Callable[[float], None] | None = None,
+        given: tuple[Pipeline, Iterable[SignalBlock | Gap | Note]] | None = None,
     ) -> ReplayCounts:
         """Replay into sinks, from opening to closing them.
 
@@ -297,6 +321,8 @@ class PlannedReplay:
             Recorded seconds per second; 0 is as fast as possible.
         progress
             Called with the part that is done, 0 to 1.
+        given
+            A pipeline and what goes through it, in the place of its own and of the recording.
         """
         session = self.session
         first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
@@ -306,25 +332,15 @@ class PlannedReplay:
             if progress is not None:
                 progress(min(max((time_ns - first_ns) / length_ns, 0.0), 1.0))
 
-        start_ns, stop_ns = self.read_span
         # who waits for samples is given them as they come, and nothing is taken ahead
         waits = bool(rate) or self.live is not None
-        source = Source(
-            self.live or self.recording,
-            start_ns=start_ns,
-            stop_ns=stop_ns,
-            block_s=0.0 if waits else None,
-            in_whole=True,
-        )
+        chain, items = given or (self.ready.chain, self.signal(block_s=0.0 if waits else None))
         for sink in sinks:
             sink.open(session)
         done = False
         try:
             clock = Clock(rate) if waits else None
-            loop = ReplayLoop(
-                self.ready.chain, sinks, clock=clock, progress=reached, span=self.span
-            )
-            items = with_warnings(source, self.ready.looked_at)
+            loop = ReplayLoop(chain, sinks, clock=clock, progress=reached, span=self.span)
             tally = loop.through(itertools.chain(self.ready.notes, items))
             self._complete(sinks)
             done = True

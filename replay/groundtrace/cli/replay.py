@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -14,6 +17,8 @@ from cyclopts import Parameter
 
 from groundtrace_codecs.events import EVENTS
 from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.location import Location
+from groundtrace_codecs.mcap.chunks import Damage
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -37,11 +42,13 @@ from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOthers, Json, Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from concurrent.futures import Future
     from subprocess import Popen
 
     from groundtrace_codecs.live import LiveRecording
     from groundtrace_codecs.signals import Stream
 
+    from ..fleet.split import SplitReplay
     from ..pipeline.config import Pipeline, PipelineConfig
     from ..pipeline.engine import ReplayCounts, ReplaySession, Sink
 
@@ -65,6 +72,8 @@ def replay(
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
     strict: Annotated[bool, FLAG] = False,
     follow: Annotated[bool, FLAG] = False,
+    engine: str = "",
+    workers: Annotated[int | None, AT_LEAST_ONE] = None,
     force: ForceOthers = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -112,6 +121,12 @@ def replay(
     follow
         Replay a file that is still being written, as it grows, until its own end; Ctrl-C ends it
         before and keeps what was decided.
+    engine
+        Cut a long recording into spans, replay them in several processes, and join them to what one
+        replay decides: local, dask, dask:ADDRESS, ray, ray:ADDRESS. Without --rrd no timeline is
+        written.
+    workers
+        With --engine: processes; one for each processor without it. A cluster has its own.
     """
     settings, usage = set_ or [], Usage()
     asked: PipelineConfig | None = None
@@ -129,7 +144,19 @@ def replay(
         "--follow: expected a recording, and no --from, --to, --rate, --strict or --at-miss",
         follow and (recording is None or partly or strict or at_miss is not None),
     )
+    usage.refuse(
+        "--engine: expected no --from, --to, --rate, --strict, --follow or --at-miss with it",
+        bool(engine) and (partly or strict or follow or at_miss is not None),
+    )
+    usage.refuse("--workers: expected it with --engine, found it alone", workers and not engine)
     usage.check()
+    many = workers or os.cpu_count() or 1
+    computed = None
+    if engine:
+        # what fleets load is not imported by a replay of one's own
+        from ..fleet.engines import engine_of
+
+        computed = engine_of(engine, many)
     path = _bundled() if recording is None else recording if follow else named_recording(recording)
     shown: Any = None
     page: Any = None
@@ -146,8 +173,13 @@ def replay(
         origin = OriginFile(path)
         results_writable(results, origin, force=force)
         viewer = {"spawn": spawn, "web": web, "no_viewer": no_viewer}
+        if computed is not None and rrd is None and not (spawn or web or no_viewer):
+            viewer["no_viewer"] = True
+            print_stderr("no timeline is written with --engine: --rrd FILE writes one")
         spawn, rrd = _where_to_show(origin, results, rrd, force=force, **viewer)
         plan = PlannedReplay.of(opened, path, ready, from_, to, print_stderr, live)
+        if computed is not None and not opened.file.remote:
+            plan = replace(plan, hashed=held.enter_context(_hashing(opened)))
         provenance = plan.provenance(public_arguments(sys.argv[1:]))
         sinks: list[Sink] = [ResultsSink(results, provenance, force=True)]
         if at_miss is None and (rrd is not None or spawn or web):
@@ -157,12 +189,19 @@ def replay(
             print_stderr(shown.expected(plan.session))
             page = load("views", "web-live")(shown, print_stderr) if web and follow else None
             sinks.append(page or shown)
-        tally = _run(plan, sinks, rate, quiet=quiet)
+        left_out = set[Damage]()
+        if computed is None:
+            tally = _run(plan, sinks, rate, quiet=quiet)
+        else:
+            from ..fleet.split import SplitReplay
+
+            split = SplitReplay(plan, Location(path), computed, many, print_stderr, damage=left_out)
+            tally = _run_split(split, sinks, signal=shown is not None, quiet=quiet)
         if at_miss is not None:
             at_ns = missed_step(results, at_miss, print_stderr)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
             _run(plan.again(), [TimeWindowSink(shown, at_ns)], quiet=quiet)
-        damage = len(set((live or opened).damage))
+        damage = len({*(live or opened).damage, *left_out})
     timeline = shown.summary if shown is not None else ""
     report(plan.session, ready.chain, tally, results, rrd, timeline, damage, json=json)
     if page is not None:
@@ -196,6 +235,13 @@ def _followed(path: Path) -> Iterator[LiveRecording]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _hashing(recording: Recording) -> Iterator[Future[str]]:
+    """Compute the hash of a recording beside a replay."""
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(recording.file.sha256)
 
 
 def _bundled() -> Path:
@@ -248,6 +294,16 @@ def _run(
     length_s = (last_ns - first_ns) / NS_PER_S
     with progress(length_s, "replaying", quiet=quiet) as show:
         return plan.run(sinks, rate=rate, progress=lambda part: show(part * length_s))
+
+
+def _run_split(
+    split: SplitReplay, sinks: Sequence[Sink], *, signal: bool, quiet: bool
+) -> ReplayCounts:
+    """Replay on an engine, showing how far it is."""
+    session = split.plan.session
+    length_s = (session.end_ns - session.start_ns) / NS_PER_S
+    with progress(length_s, "replaying", quiet=quiet) as show:
+        return split.run(sinks, signal=signal, progress=lambda part: show(part * length_s))
 
 
 #: What is counted of a replay beside candidates, by what several of a kind are called.

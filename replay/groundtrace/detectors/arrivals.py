@@ -315,17 +315,18 @@ class ArrivalTracker:
     def _refined(self, rises: LocalMaximaWithOnset) -> Candidates:
         """Return the candidates that are held, and those at the onsets of rises."""
         if self._ratios is not None:
-            onset = self._first_over(rises, self._ratios)
-            deviation = np.full(len(onset), np.nan)
+            anchor = self._first_over(rises, self._ratios)
+            onset, deviation = np.zeros(len(anchor)), np.full(len(anchor), np.nan)
         else:
             correlation = self.settings.correlation_s * self.rate_hz
+            anchor = self._anchors(rises)
             onset, deviation = mean_onsets(
-                self.history, self._anchors(rises), rises.channel, self._windows, correlation
+                self.history, anchor, rises.channel, self._windows, correlation
             )
         whole = np.floor(onset)
         after_ns = np.rint((onset - whole) * NS_PER_S / self.rate_hz).astype(np.int64)
         time_ns = np.concatenate(
-            [self._held.time_ns, self.clock.at(whole.astype(np.intp)) + after_ns]
+            [self._held.time_ns, self.clock.at(anchor + whole.astype(np.intp)) + after_ns]
         )
         channel = np.concatenate([self._held.channel, rises.channel.astype(np.int32)])
         value = np.stack([rises.value, deviation / self.rate_hz], axis=1).astype(np.float32)
@@ -333,7 +334,7 @@ class ArrivalTracker:
         value = np.concatenate([self._held.value, value])[order]
         return Candidates(time_ns[order], channel[order], value)
 
-    def _first_over(self, rises: LocalMaximaWithOnset, ratios: SampleHistory) -> Array:
+    def _first_over(self, rises: LocalMaximaWithOnset, ratios: SampleHistory) -> Indices:
         """Return the first sample of each rise at which the ratio is over the floor."""
         rows, length = ratios.rows(), self._length
         found = rises.begin * length
@@ -342,7 +343,7 @@ class ArrivalTracker:
         ):
             own = rows[begin - ratios.first : (peak + 1) * length - ratios.first, channel]
             found[i] = begin + int(np.argmax(own > self.settings.floor))
-        return found.astype(np.float64)
+        return np.asarray(found, np.intp)
 
     def _anchors(self, rises: LocalMaximaWithOnset) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""
@@ -362,6 +363,9 @@ def mean_onsets(
 ) -> Array:
     """Return onset and deviation, the mean over windows around each anchor: shape (2, m), samples.
 
+    Onsets are counted from their anchors on: so their rounding does not depend on how long the run
+    is.
+
     Parameters
     ----------
     history
@@ -380,6 +384,6 @@ def mean_onsets(
         found = kernels.picker.onsets(
             history.rows(), start - history.first, length, channel, correlation
         )
-        onset += start + found[0]
+        onset += (start - anchor) + found[0]
         variance += found[1] ** 2
     return np.stack([onset / len(windows), np.sqrt(variance / len(windows))])

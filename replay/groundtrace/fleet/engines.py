@@ -32,7 +32,15 @@ from ..runtime import limit_blas_threads, raise_malloc_trim, safe_path
 from ..scratch import scratch_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import (
+        Callable,
+        Collection,
+        Generator,
+        Iterable,
+        Iterator,
+        Mapping,
+        Sequence,
+    )
     from contextlib import AbstractContextManager
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
@@ -122,7 +130,7 @@ class Engine:
         function: Callable[[T], R],
         tasks: Sequence[T],
         left_out: Callable[[str], None] = lambda _: None,
-    ) -> Iterator[tuple[int, R | None]]:
+    ) -> Generator[tuple[int, R | None]]:
         """Yield the number of each task and what the function gave, in the order they end.
 
         None stands for a task whose worker was killed, and that of a second try too, or did not
@@ -600,11 +608,15 @@ def quiet() -> Iterator[None]:
     unset = limit_blas_threads()
     ours = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None
+    masks = not ours and hasattr(signal, "pthread_sigmask")
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else None
     try:
         with safe_path():
             yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, before)
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name in unset:
             del os.environ[name]

@@ -200,7 +200,7 @@ def run(
 def _answers(
     tasks: Sequence[Task], engine: Engine, left_out: Callable[[str], None]
 ) -> Iterator[tuple[int, Done]]:
-    with closing(engine.run(evaluate, tasks, left_out)) as answers:  # type: ignore[type-var]
+    with closing(engine.run(evaluate, tasks, left_out)) as answers:
         for index, done in answers:
             yield index, lost(tasks[index]) if done is None else done
 
@@ -579,9 +579,17 @@ def lost(task: Task) -> Done:
 
     The bytes of a remote recording are not asked for: it may be these that come to no end.
     """
-    said = "expected a worker that ends, found it killed twice, or overdue"
     identity = Identity("") if is_url(task.location) else identity_of(task)
-    return _failed(task, identity, f"{name_of(task.location)}: {said}")
+    return _failed(task, identity, f"{name_of(task.location)}: {NEVER_ENDED}")
+
+
+#: What is said where workers did not live to give an answer.
+NEVER_ENDED = "expected a worker that ends, found it killed twice, or overdue"
+
+
+def invisible(host: str) -> str:
+    """Return what is said where a worker does not see a recording."""
+    return f"expected a file, found none visible on worker {host}"
 
 
 #: The most that a recording may take: so many times its length, and at least so long [s]. Chosen by
@@ -683,8 +691,7 @@ def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
         raise RecordingError(identity.error)
     remote = identity.remote
     if remote is None and not task.path.is_file():
-        said = f"expected a file, found none visible on worker {row.host}"
-        raise RecordingError(f"{row.recording}: {said}")
+        raise RecordingError(f"{row.recording}: {invisible(row.host)}")
     sink = EventList()
     with Recording.open(remote or task.path) as opened:
         limit.of_length((opened.end_ns - opened.start_ns) / NS_PER_S)

@@ -244,7 +244,13 @@ class Pipeline:
     @property
     def runs_ahead(self) -> bool:
         """Whether the first stage needs nothing of what the others do: another core may run it."""
+        if any(getattr(stage, "in_step", False) for stage in self.stages):
+            return False
         return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
+
+    def with_stages(self, stages: Sequence[Taking]) -> Pipeline:
+        """Return the same pipeline with others in the place of its stages."""
+        return Pipeline(self.config, stages, self._resolved, self._check, self.memories)
 
     @property
     def memory(self) -> Memory:

@@ -1,0 +1,334 @@
+"""One long recording on many workers: spans of it are replayed on an engine, and joined here."""
+
+from __future__ import annotations
+
+import platform
+import queue
+import threading
+from contextlib import closing, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.events import Label
+from groundtrace_codecs.importers.units import RANGES
+from groundtrace_codecs.location import Location, is_url, without_secrets
+from groundtrace_codecs.mcap.byte_source import RemoteBytes
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..errors import GroundtraceError, RecordingError
+from ..pipeline.config import build_pipeline, parse_pipeline
+from ..pipeline.results import package_versions
+from ..pipeline.source import Source
+from ..pipeline.split import (
+    JoinError,
+    SpanReplay,
+    begun_earlier,
+    in_spans,
+    joined,
+    replay_span,
+    spans_of,
+    warm_up_s,
+)
+from ..pipeline.stage import StageRunner
+from .engines import MisfitError
+from .run import NEVER_ENDED, Software, code_sha256, invisible, misfit, owners_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Sequence
+
+    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.mcap.chunks import Damage
+
+    from ..api.files import Report
+    from ..api.replay import PlannedReplay
+    from ..pipeline.engine import ReplayCounts, Sink
+    from ..pipeline.split import JoinState, Span
+    from .engines import Engine
+
+T = TypeVar("T")
+
+#: A span is so many times as long as its warm-up, where the recording is long enough for all
+#: workers to have one. Chosen by judgement: warm-ups then cost a twentieth.
+WARM_UPS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class SpanTask:
+    """A span of a recording through the stages of a pipeline that can begin in its middle.
+
+    Attributes
+    ----------
+    location, folder
+        Path or URL, and what a path is relative to.
+    size
+        Of the recording [bytes]: that another file is there is told by it.
+    recipe
+        The pipeline, TOML.
+    geometry, labels
+        Of the recording, or given instead.
+    span
+        Which one.
+    software
+        What is to decide.
+    """
+
+    location: Location
+    folder: str
+    size: int
+    recipe: str
+    geometry: Geometry | None
+    labels: tuple[Label, ...]
+    span: Span
+    software: Software
+
+    @property
+    def path(self) -> Path:
+        """Where the recording lies; of a URL its public part."""
+        return Path("" if is_url(self.location) else self.folder, self.location)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a worker could not replay a span, in a line."""
+
+    text: str
+
+
+def replayed(task: SpanTask) -> SpanReplay | Refusal:
+    """Replay a span, in a process of its own.
+
+    Raises
+    ------
+    MisfitError
+        Where this process decides with other software than the run has.
+    """
+    if wrong := misfit(task.software):
+        raise MisfitError(f"{platform.node()}: {wrong}")
+    remote = is_url(task.location)
+    if not remote and not task.path.is_file():
+        return Refusal(f"{task.path.name}: {invisible(platform.node())}")
+    try:
+        with Recording.open(RemoteBytes(task.location) if remote else task.path) as recording:
+            if recording.file.size != task.size:
+                found = f"expected {task.size} bytes, found {recording.file.size} on worker"
+                return Refusal(f"{recording.name}: {found} {platform.node()}")
+            config = parse_pipeline(task.recipe.encode(), task.path.name)
+            chain = build_pipeline(config, task.geometry, task.labels)
+            return replay_span(recording, chain, task.span)
+    except (CodecError, GroundtraceError) as error:
+        return Refusal(without_secrets(str(error)))
+    except OSError as error:
+        found = error.strerror or str(error)
+        return Refusal(f"{task.path.name}: expected a file to use, found: {found}")
+
+
+@dataclass(slots=True)
+class SplitReplay:
+    """A replay whose spans are replayed on an engine.
+
+    Attributes
+    ----------
+    plan
+        Of the whole recording.
+    location
+        Where workers find it.
+    engine, workers
+        Where spans are replayed, and by about how many.
+    report
+        Told in a line what a person should know.
+    count
+        Of spans; None: by the recording's length, the warm-up and the workers.
+    again
+        Spans that were replayed again, since a join had shown that they began too late.
+    damage
+        What was left out of the recording.
+    """
+
+    plan: PlannedReplay
+    location: Location
+    engine: Engine
+    workers: int
+    report: Report
+    count: int | None = None
+    again: int = 0
+    damage: set[Damage] = field(default_factory=set)
+
+    def spans(self) -> list[Span]:
+        """Return the spans; fewer than two where the recording is too short."""
+        warm_s, recording = warm_up_s(self.plan.ready.chain), self.plan.recording
+        length_s = (recording.end_ns - recording.start_ns) / NS_PER_S
+        count = self.count
+        if count is None:
+            most, wanted = int(length_s / warm_s), int(length_s / (WARM_UPS * warm_s))
+            count = max(1, min(most, max(wanted, self.workers)))
+        return spans_of(recording, warm_s, count)
+
+    def one_go(self) -> str:
+        """Return why the recording cannot be split; empty where it can."""
+        recording, chain = self.plan.recording, self.plan.ready.chain
+        if not chain.stages:
+            return f"{chain.config.name} has no stages"
+        if not in_spans(chain):
+            return f"{chain.stages[0].name} depends on all that comes before"
+        return "its clock was set back" if recording.set_back else ""
+
+    def run(
+        self, sinks: Sequence[Sink], *, signal: bool, progress: Callable[[float], None]
+    ) -> ReplayCounts:
+        """Replay into sinks, from opening to closing them.
+
+        Parameters
+        ----------
+        sinks
+            Where to.
+        signal
+            Whether they take samples.
+        progress
+            Called with the part that is done, 0 to 1.
+
+        Raises
+        ------
+        RecordingError
+            Where a worker cannot replay a span, or none is there.
+        """
+        plan = self.plan
+        why = self.one_go()
+        spans = [] if why else self.spans()
+        if len(spans) < 2:
+            why = why or f"it is shorter than two warm-ups of {warm_up_s(plan.ready.chain):.0f} s"
+            self.report(f"{plan.recording.name} is replayed in one go: {why}")
+            return plan.run(sinks, progress=progress)
+        self.report(self._said(spans))
+        chain = plan.ready.chain
+        samples = plan.signal() if signal or self._wants_signal() else None
+        with closing(self._right(spans)) as right:
+            given = joined(chain, Source(plan.recording).streams, right, samples)
+            try:
+                return plan.run(sinks, progress=progress, given=given)
+            except JoinError as error:
+                said = f"expected {error} to decide as in one go, found another verdict"
+                raise RecordingError(f"{plan.recording.name}: --engine: {said}") from None
+
+    def _wants_signal(self) -> bool:
+        """Return whether samples are wanted here: by a stage, or to judge sensors that are worn."""
+        chain = self.plan.ready.chain
+        alone = [stage for stage in chain.stages if stage.name not in in_spans(chain)]
+        needs = [n for s in alone if isinstance(s, StageRunner) for n in s.kind.takes]
+        worn = any(c.quantity in RANGES for s in self.plan.session.streams for c in s.channels)
+        return worn or any(need.kind is SignalBlock for need in needs)
+
+    def _said(self, spans: Sequence[Span]) -> str:
+        """Return in a line how a recording is split."""
+        chain, recording = self.plan.ready.chain, self.plan.recording
+        each_s = (recording.end_ns - recording.start_ns) / NS_PER_S / len(spans)
+        warm_s, split = warm_up_s(chain), in_spans(chain)
+        told = f"{len(spans)} spans of {each_s:.0f} s, each after {warm_s:.0f} s of warm-up"
+        alone = [stage.name for stage in chain.stages if stage.name not in split]
+        rest = f"; in one go, since they depend on all before: {', '.join(alone)}" if alone else ""
+        return f"{recording.name}: {told}, through {', '.join(split)}{rest}"
+
+    def _right(self, spans: Sequence[Span]) -> Generator[SpanReplay]:
+        """Yield what spans give in their order, each compared with the one before where they join.
+
+        Where they differ, the later one is replayed again, here, from earlier on.
+        """
+        recording = self.plan.recording
+        first = recording.file.start_ns // Source(recording).width_ns
+        tasks = [self._task(span) for span in spans]
+        waiting: dict[int, SpanReplay] = {}
+        end: JoinState | None = None
+        turn = 0
+        with closing(ahead(self.engine.run(replayed, tasks, self.report), self.workers)) as answers:
+            for number, answer in answers:
+                waiting[number] = self._given(answer)
+                while turn in waiting:
+                    found, span = waiting.pop(turn), spans[turn]
+                    while end is not None and (why := found.differs(end)):
+                        self.again += 1
+                        span = begun_earlier(span, end, first)
+                        self.report(f"span {turn + 1} is replayed again from earlier on: {why}")
+                        found = self._given(replayed(replace(tasks[turn], span=span)))
+                    end = found.end if end is None or found.end is None else found.end.after(end)
+                    turn += 1
+                    self.damage.update(found.damage)
+                    yield found
+
+    def _given(self, answer: SpanReplay | Refusal | None) -> SpanReplay:
+        if answer is None:
+            raise RecordingError(f"{self.plan.recording.name}: {NEVER_ENDED}")
+        if isinstance(answer, Refusal):
+            raise RecordingError(answer.text)
+        return answer
+
+    def _task(self, span: Span) -> SpanTask:
+        plan = self.plan
+        chain, recording = plan.ready.chain, plan.recording
+        takes = [s.kind.takes for s in chain.stages if isinstance(s, StageRunner)]
+        labelled = any(need.kind is Label for needs in takes for need in needs)
+        software = Software(
+            code_sha256(),
+            tuple(f"{name} {number}" for name, number in package_versions().items()),
+            owners_of(chain.config),
+        )
+        return SpanTask(
+            self.location,
+            str(Path.cwd()),
+            recording.file.size,
+            chain.recipe(),
+            recording.geometry,
+            recording.labels if labelled else (),
+            span,
+            software,
+        )
+
+
+#: What stands for the end of what is taken ahead.
+_END = object()
+
+
+def ahead(answers: Generator[T], room: int) -> Generator[T]:
+    """Yield what a generator gives, which goes on in another thread meanwhile.
+
+    So workers are given their next task while what they gave is made use of.
+
+    Parameters
+    ----------
+    answers
+        The generator; it is closed at the end.
+    room
+        So many of its answers wait at most.
+    """
+    found: queue.Queue[Any] = queue.Queue(maxsize=max(room, 1))
+    over = threading.Event()
+
+    def put(item: object) -> None:
+        while not over.is_set():
+            with suppress(queue.Full):
+                found.put(item, timeout=0.1)
+                return
+
+    def fill() -> None:
+        try:
+            with closing(answers):
+                for answer in answers:
+                    put((answer, None))
+                    if over.is_set():
+                        return
+        except BaseException as error:  # whatever it is, it is raised where it is due
+            put((None, error))
+        put(_END)
+
+    thread = threading.Thread(target=fill, name="groundtrace-spans")
+    thread.start()
+    try:
+        while (item := found.get()) is not _END:
+            answer, error = item
+            if error is not None:
+                raise error
+            yield answer
+    finally:
+        over.set()
+        thread.join()

@@ -1,0 +1,235 @@
+"""A recording replayed in spans is decided as in one go, wherever it is cut."""
+
+from __future__ import annotations
+
+import os
+import platform
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from command_runs import done, run
+from fleet_runs import Here
+from split_replays import (
+    GROUND,
+    START_NS,
+    WAIST,
+    assert_same_events,
+    impacts,
+    in_one_go,
+    in_spans,
+    shaken,
+    written,
+)
+
+import groundtrace.fleet.split as splitting
+from groundtrace.errors import RecordingError
+from groundtrace.fleet.engines import engine_of
+from groundtrace.fleet.split import ahead, replayed
+from groundtrace.pipeline.config import PipelineConfig
+from groundtrace.pipeline.results import read_results
+from groundtrace.pipeline.stage import StageConfig
+from groundtrace_codecs.events import Gap, Note
+from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.writer import write_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from groundtrace.fleet.split import SpanTask
+    from groundtrace.pipeline.split import SpanReplay
+
+Capture = pytest.CaptureFixture[str]
+#: What is missing of the recordings [s]: nothing, or what ends runs near where they are cut.
+MISSING = {"whole": (), "gaps": ((9.0, 9.6), (47.9, 48.2), (50.0, 50.03), (74.0, 99.0))}
+PIPELINES = ("room-steps", "room-bearings", "room-footsteps", "room-two-walkers")
+
+
+@pytest.mark.parametrize("missing", MISSING)
+@pytest.mark.parametrize("pipeline", PIPELINES)
+def test_a_room_in_spans_is_decided_as_in_one_go(
+    pipeline: str, missing: str, tmp_path: Path
+) -> None:
+    samples = impacts(3, 150.0)
+    path = written(tmp_path / "room.mcap", GROUND, samples, MISSING[missing])
+    whole, counts = in_one_go(path, pipeline)
+    for count in (2, 7):
+        part, tally, split, _ = in_spans(path, pipeline, count)
+        assert_same_events(whole, part)
+        assert (tally.samples, tally.counts) == (counts.samples, counts.counts)
+        assert (tally.first_ns, tally.last_ns) == (counts.first_ns, counts.last_ns)
+        assert split.again <= (count if missing == "gaps" else 0)
+    assert counts.counts["CandidateBlock"] > 500
+
+
+@pytest.mark.parametrize("missing", [(), ((60.0, 60.7), (119.9, 120.1))], ids=["whole", "gaps"])
+def test_a_walk_in_spans_is_decided_as_in_one_go(
+    missing: tuple[tuple[float, float], ...], tmp_path: Path
+) -> None:
+    path = written(tmp_path / "walk.mcap", WAIST, shaken(1), missing)
+    whole, _ = in_one_go(path, "waist-swing")
+    part, _, split, _ = in_spans(path, "waist-swing", 4)
+    assert_same_events(whole, part)
+    assert any(isinstance(event, Gap) for event in whole) == bool(missing)
+    assert split.again <= len(missing)
+
+
+def test_stages_in_one_go_may_stand_between_those_in_spans(tmp_path: Path) -> None:
+    path = written(tmp_path / "room.mcap", GROUND, impacts(4, 120.0))
+    uses = ("toa-cv", "coincidence", "gcc-phat", "sta-lta", "power-law", "bearings", "disagreement")
+    config = PipelineConfig(
+        "mixed", stage=tuple(StageConfig(use) for use in (*uses[:4], "bearings"))
+    )
+    whole, _ = in_one_go(path, config)
+    part, *_ = in_spans(path, config, 5)
+    assert_same_events(whole, part)
+
+
+def test_samples_come_with_the_joined_events(tmp_path: Path) -> None:
+    path = written(tmp_path / "room.mcap", GROUND, impacts(3, 150.0), MISSING["gaps"])
+    whole, _ = in_one_go(path, "room-steps")
+    part, *_ = in_spans(path, "room-steps", 6, signal=True)
+    assert_same_events(whole, part)
+
+
+def test_a_step_that_waits_for_the_next_one_over_a_quiet_time_is_not_lost(tmp_path: Path) -> None:
+    path = written(tmp_path / "room.mcap", GROUND, impacts(5, 160.0, (30.0, 130.0)))
+    whole, _ = in_one_go(path, "room-steps")
+    part, _, split, said = in_spans(path, "room-steps", 6)
+    assert_same_events(whole, part)
+    assert split.again > 0
+    assert any("is replayed again from earlier on: " in line for line in said)
+
+
+def test_samples_that_are_no_numbers_are_held_as_in_one_go(tmp_path: Path) -> None:
+    samples = impacts(3, 150.0).astype(np.float64)
+    samples[40_000:90_000, 2] = np.nan
+    samples[120_000, :] = np.inf
+    path = written(tmp_path / "room.mcap", GROUND, samples)
+    whole, _ = in_one_go(path, "room-steps")
+    part, *_ = in_spans(path, "room-steps", 5)
+    assert_same_events(whole, part)
+    assert any(isinstance(e, Note) and "not finite" in e.text for e in whole)
+
+
+def test_a_clock_that_drifts_is_followed_as_in_one_go(tmp_path: Path) -> None:
+    samples = impacts(3, 150.0)
+    blocks = [
+        SignalBlock(GROUND, START_NS + 3 * at * 1000, at, samples[at : at + 50])
+        for at in range(0, len(samples), 50)
+    ]
+    write_recording(tmp_path / "room.mcap", [(GROUND, "i32le", blocks)])
+    whole, _ = in_one_go(tmp_path / "room.mcap", "room-steps")
+    part, _, split, _ = in_spans(tmp_path / "room.mcap", "room-steps", 4)
+    assert_same_events(whole, part)
+    assert split.again > 0, "the run's times were moved before"
+
+
+def test_what_cannot_be_split_is_replayed_in_one_go_and_said(tmp_path: Path) -> None:
+    path = written(tmp_path / "walk.mcap", WAIST, shaken(1))
+    whole, _ = in_one_go(path, "waist-steps")
+    part, _, _, said = in_spans(path, "waist-steps", 4)
+    assert_same_events(whole, part)
+    line = "walk.mcap is replayed in one go: steps depends on all that comes before"
+    assert said == [line]
+    short = written(tmp_path / "short.mcap", GROUND, impacts(3, 100.0)[:20_000])
+    _, _, _, said = in_spans(short, "room-steps", None)  # type: ignore[arg-type]
+    assert said == ["short.mcap is replayed in one go: it is shorter than two warm-ups of 22 s"]
+
+
+@pytest.fixture
+def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return written(Path("room.mcap"), GROUND, impacts(3, 150.0))
+
+
+def dying(task: SpanTask) -> SpanReplay | splitting.Refusal:
+    """Replay a span; the first time that of the second begins, the process is killed."""
+    marker = Path(task.folder, "killed")
+    if task.span.first is not None and not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return replayed(task)
+
+
+def dead(task: SpanTask) -> None:
+    """End the process."""
+    del task
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_worker_that_dies_costs_time_alone(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, _ = in_one_go(room, "room-bearings")
+    monkeypatch.setattr(splitting, "replayed", dying)
+    part, *_ = in_spans(room, "room-bearings", 4, engine_of("local", 2))
+    assert Path("killed").exists()
+    assert_same_events(whole, part)
+    monkeypatch.setattr(splitting, "replayed", dead)
+    with pytest.raises(RecordingError) as told:
+        in_spans(room, "room-bearings", 2, engine_of("local", 1))
+    said = "expected a worker that ends, found it killed twice, or overdue"
+    assert str(told.value) == f"room.mcap: {said}"
+
+
+def test_a_recording_that_a_worker_does_not_see_is_told(room: Path) -> None:
+    with pytest.raises(RecordingError) as told:
+        in_spans(room, "room-steps", 2, Here(), place="elsewhere/room.mcap")
+    host = platform.node()
+    assert str(told.value) == f"room.mcap: expected a file, found none visible on worker {host}"
+    Path("other").mkdir()
+    other = written(Path("other/room.mcap"), GROUND, impacts(3, 150.0)[:90_000])
+    with pytest.raises(
+        RecordingError, match=r"room\.mcap: expected \d+ bytes, found \d+ on worker"
+    ):
+        in_spans(room, "room-steps", 2, Here(), place=other)
+
+
+def test_dask_joins_what_one_go_decides(room: Path, capsys: Capture) -> None:
+    pytest.importorskip("distributed", reason="distributed is not installed: groundtrace[fleet]")
+    name = ("--pipeline", "room-footsteps", "--no-viewer")
+    done(capsys, "replay", room, *name, "--out", "a.results.mcap")
+    engine = ("--engine", "dask", "--workers", 2)
+    said = done(capsys, "replay", room, *name, "--out", "b.results.mcap", *engine, "--quiet")
+    one, other = (read_results(Path(f"{name}.results.mcap")) for name in "ab")
+    assert_same_events(one.events, other.events)
+    assert one.provenance.sha256 == other.provenance.sha256
+    assert "3 spans" in said.err or "2 spans" in said.err, said.err
+
+
+def test_the_command_says_what_it_does_and_refuses_what_it_cannot(
+    room: Path, capsys: Capture
+) -> None:
+    name = ("--pipeline", "room-bearings", "--engine", "local", "--workers", 2)
+    said = done(capsys, "replay", room, *name, "--quiet")
+    assert "no timeline is written with --engine: --rrd FILE writes one" in said.err
+    assert "in one go, since they depend on all before: track" in said.err
+    assert not Path("room.rrd").exists()
+    for option in (("--from", 3), ("--strict",), ("--at-miss", 1), ("--follow",)):
+        error = run(capsys, "replay", room, *name, *option).error
+        assert error.startswith("--engine: expected no --from, --to,")
+    assert run(capsys, "replay", room, "--workers", 2).error.startswith("--workers: expected it")
+    error = run(capsys, "replay", room, "--engine", "none").error
+    assert error.startswith("--engine: expected local, dask,")
+
+
+def test_what_is_taken_ahead_comes_in_order_and_is_closed() -> None:
+    closed = []
+
+    def numbers(*, fails: bool = False) -> Generator[int]:
+        try:
+            yield from range(5)
+            if fails:
+                raise ValueError("at the end")
+        finally:
+            closed.append(True)
+
+    assert list(ahead(numbers(), 2)) == list(range(5))
+    with pytest.raises(ValueError, match="at the end"):
+        list(ahead(numbers(fails=True), 2))
+    some = ahead(numbers(), 1)
+    assert next(some) == 0
+    assert next(some) == 1
+    some.close()
+    assert len(closed) == 3
