@@ -69,6 +69,7 @@ def replay_to_files(
     full_rate: str = "",
     report: Report = unheard,
     progress: Callable[[float], None] | None = None,
+    beside: Sequence[Sink] = (),
 ) -> None:
     """Replay a recording into new results and a viewer's file.
 
@@ -90,6 +91,8 @@ def replay_to_files(
         Told what a person should know.
     progress
         Called with the part that is done, 0 to 1.
+    beside
+        Other sinks. Where there are some, somebody looks on: the viewer's file has all as it comes.
 
     Raises
     ------
@@ -104,10 +107,11 @@ def replay_to_files(
         file.geometry = site or file.geometry
         plan = PlannedReplay.of(file, recording, prepared(asked, file), from_s, to_s, report)
         shown = load("sinks", "rerun")(
-            rrd, spawn=False, web=False, full_rate=full_rate, map_tiles=False
+            rrd, watched=bool(beside), full_rate=full_rate, map_tiles=False
         )
         report(shown.expected(plan.session))
-        plan.run([ResultsSink(out, plan.provenance()), shown], progress=progress)
+        sinks = [ResultsSink(out, plan.provenance()), shown, *beside]
+        plan.run(sinks, progress=progress)
 
 
 def configured_for(

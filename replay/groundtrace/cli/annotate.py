@@ -15,7 +15,7 @@ from ..annotate.store import AUTHOR, named
 from ..api.files import existing_file, existing_recording, writable
 from ..errors import AnnotationError
 from ..pipeline.config import checked_pipeline
-from .console import print_json, print_line, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table
 from .options import FLAG, OUT, Texts
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def _server() -> Any:
 
     if "annotate" not in {plugin.name for plugin in plugins("views")}:
         raise AnnotationError("--serve: expected an installed page (groundtrace.views), found none")
-    return partial(load("views", "annotate"), report=print_stderr, progress=progress)
+    return partial(load("views", "annotate"), report=print_stderr)
 
 
 def _results(path: Path, given: Path | None) -> Path | None:

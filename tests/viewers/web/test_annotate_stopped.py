@@ -46,10 +46,13 @@ def test_a_page_that_is_stopped_says_what_is_kept_and_ends_with_0(walk: Path) ->
         assert served.process.stderr.read() == "stopped; walk.mcap has no annotations\n"
 
 
-@pytest.mark.usefixtures("interrupted")
 def test_a_page_that_is_stopped_before_it_is_ready_says_so_and_ends_with_0(
     walk: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def pressed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("groundtrace_viewers.web.annotate.listen", pressed)
     monkeypatch.setattr("groundtrace_viewers.web.annotate.run", lambda *_: pytest.fail("served"))
     done(capsys, "annotate", walk, "--add", "missed@1.5")
     ran = done(capsys, "annotate", walk, "--serve", "--no-browser")

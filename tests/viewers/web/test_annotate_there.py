@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import os
+import threading
+import time
 from typing import TYPE_CHECKING
 
 import pytest
 from command_runs import done
 from page_sessions import write_walk
 
+from groundtrace.errors import GroundtraceError
 from groundtrace.pipeline.engine import ReplayLoop
 from groundtrace.pipeline.results import read_results
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.web.annotate import there
+from groundtrace_viewers.web.annotate import RunningReplay, there
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
+
+    from groundtrace.pipeline.engine import Item, ReplayCounts
 
 Capture = pytest.CaptureFixture[str]
 
@@ -67,3 +74,45 @@ def test_results_of_another_recording_are_refused(walk: Path, tmp_path: Path) ->
     other.write_bytes(walk.read_bytes()[:-1])
     with pytest.raises(ViewerError, match="with another SHA-256"):
         there(other, walk.with_suffix(".results.mcap"))
+
+
+def test_a_page_is_served_while_its_replay_runs_and_ends_with_what_was_wrong(
+    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    through, go_on = ReplayLoop.through, threading.Event()
+
+    def held(loop: ReplayLoop, source: Iterable[Item]) -> ReplayCounts:
+        go_on.wait(30)
+        return through(loop, source)
+
+    monkeypatch.setattr(ReplayLoop, "through", held)
+    said: list[str] = []
+    (tmp_path / "page").mkdir()
+    page = RunningReplay(walk, None, "waist-steps", tmp_path / "page", said.append)
+    try:
+        assert json.loads(page.moments())["live"]
+        assert page.application == "walker"
+        go_on.set()
+        deadline = time.monotonic() + 30.0
+        while json.loads(page.moments())["live"] and time.monotonic() < deadline:
+            time.sleep(0.05)
+        found = json.loads(page.moments())
+        assert (found["live"], found["truth"]) == (False, True)
+        assert len(found["events"]) > 10
+    finally:
+        page.stop()
+
+
+def test_a_replay_that_is_stopped_leaves_nothing_under_its_name(walk: Path, tmp_path: Path) -> None:
+    (tmp_path / "page").mkdir()
+    page = RunningReplay(walk, None, "waist-steps", tmp_path / "page", lambda _: None)
+    page.stop()
+    named = {p.name for p in (tmp_path / "page").iterdir()}
+    assert "results.mcap" not in named or not json.loads(page.moments())["live"]
+
+
+def test_what_cannot_be_replayed_is_told_before_a_page_is_served(
+    tmp_path: Path, walk: Path
+) -> None:
+    with pytest.raises(GroundtraceError, match="absent"):
+        RunningReplay(walk, None, "absent", tmp_path, lambda _: None)

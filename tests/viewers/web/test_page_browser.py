@@ -117,6 +117,8 @@ def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
     with serving(recording, "--author", "ada") as served:
         page.goto(served.url)
         ready(page)
+        until(page, "!document.getElementById('duration').textContent.includes('live')")
+        until(page, "Number(document.getElementById('time').value) > 0")
         before = drawn(page, "walk")
         first = cursor(page)
         page.keyboard.press("ArrowDown")

@@ -124,7 +124,7 @@ def test_a_page_that_is_left_takes_no_more_of_a_file_that_grows(tmp_path: Path) 
     moments.write_text("{}")
     listening = listen(0)
     port = listening.getsockname()[1]
-    app = server.live_app(rrd, moments, port, "token")
+    app = server.live_app(rrd, moments.read_bytes, port, "token")
     serving = threading.Thread(target=server.run, args=(app, listening), daemon=True)
     serving.start()
     opened = psutil.Process()

@@ -78,6 +78,8 @@ class RerunSink:
         FROM-TO in seconds; empty is ``all`` with ``spawn``, else ``misses``.
     map_tiles
         Show positions on a street map too, whose tiles the viewer loads from the internet.
+    watched
+        The file is read while it grows: all is written as it comes, and the layout first.
 
     Attributes
     ----------
@@ -102,6 +104,7 @@ class RerunSink:
         channels: Sequence[str] = (),
         full_rate: str = "",
         map_tiles: bool = False,
+        watched: bool = False,
     ) -> None:
         if path is None and not spawn and not web:
             raise ViewerError("viewer: expected a file, spawn or web, found none of them")
@@ -119,7 +122,7 @@ class RerunSink:
         self._recording: rr.RecordingStream | None = None
         self._outlet: Outlet | None = None
         self._replay: TimelineReplay | None = None
-        self._watched = False
+        self._watched = watched
         self._laid_out: tuple[int, frozenset[str]] = (0, frozenset())
         self._events: list[Event] = []
 
@@ -156,7 +159,7 @@ class RerunSink:
         growing = partial_of(self.path) if self.path is not None else None
         self._outlet = Outlet(recording, growing, *viewers, name=self.path)
         self._session, self._recording = session, recording
-        self._watched = self._spawn or (session.live and self._web)
+        self._watched = self._watched or self._spawn or (session.live and self._web)
         pace = _pace(session, watched=self._watched)
         # truth of what is still to come would show a time that nothing has reached
         shown = replace(session, labels=(), annotations=()) if session.live else session

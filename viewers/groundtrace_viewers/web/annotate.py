@@ -10,7 +10,7 @@ import webbrowser
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -21,7 +21,6 @@ from groundtrace.annotate.agreement import Item, item_of, label_of
 from groundtrace.annotate.store import Annotations, named
 from groundtrace.api.files import unheard
 from groundtrace.api.pipelines import fitting_pipeline
-from groundtrace.api.progress import unseen
 from groundtrace.api.replay import replay_to_files
 from groundtrace.errors import AnnotationError
 from groundtrace.explain.suitability import SIGNALS
@@ -35,19 +34,21 @@ from groundtrace_codecs.recording import Recording
 from ..errors import ViewerError
 from ..rerun.annotations import layer_rrd, states
 from ..rerun.blueprint import told_by
-from ..rerun.moments import OPENING_S, moments_of_results
+from ..rerun.moments import OPENING_S, LiveMoments, moments_of_results
 from ..rerun.timeline import Recipe, stream_of, written_recipe
-from .server import address, listen, new_token, page_app, refusal, run
+from .server import address, listen, live_app, new_token, page_app, refusal, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from starlette.requests import Request
+    from starlette.types import ASGIApp
 
     from groundtrace.api.files import Report
-    from groundtrace.api.progress import Progress
+    from groundtrace.pipeline.engine import ReplaySession, Sink
     from groundtrace_codecs.annotations import Annotation
-    from groundtrace_codecs.signals import Stream
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 def serve(
@@ -58,13 +59,12 @@ def serve(
     port: int,
     open_browser: bool,
     report: Report = unheard,
-    progress: Progress = unseen,
 ) -> None:
     """Serve the page that annotates a recording, until Ctrl-C.
 
     Where ``groundtrace replay`` left its timeline beside the results, that is shown; else the
-    recording is replayed first, in a folder that goes when the server ends. Marks are on the disk
-    before a page hears that they are kept.
+    recording is replayed while the page shows it, in a folder that goes when the server ends. Marks
+    are on the disk before a page hears that they are kept.
 
     Parameters
     ----------
@@ -83,8 +83,6 @@ def serve(
         Show the page in the browser.
     report
         Told where the page is, and what a person should know.
-    progress
-        Shows how much of the recording is replayed.
 
     Raises
     ------
@@ -96,33 +94,159 @@ def serve(
         scratch_folder() as folder,
         Annotations.open(recording, author) as store,
     ):
-        drawn = store.items
+        earlier = there(recording, results)
+        running = None
         try:
-            earlier = there(recording, results)
-            if earlier is not None:
-                rrd, shown = earlier
-                drawn = shown.annotations
+            if earlier is None:
+                running = RunningReplay(recording, results, pipeline, folder, report)
+                shown: Shown = running
             else:
-                rrd, shown = replayed(recording, results, pipeline, folder, report, progress)
-            with Recording.open(recording) as opened:
-                streams = opened.streams
-            moments = RenewedMoments(shown, streams)
+                shown = EarlierReplay(recording, *earlier)
+            token, listening = new_token(), listen(port)
+            drawn = store.items if earlier is None else earlier[1].annotations
+            desk = AnnotationSession(store, shown.application, drawn)
+            port = listening.getsockname()[1]
+            app = shown.app(port, token, api(desk))
+            for remark in store.remarks:
+                report(remark)
+            with suppress(KeyboardInterrupt):
+                run(
+                    app,
+                    listening,
+                    lambda: _announce(address(port, token), open_browser, report),
+                )
         except KeyboardInterrupt:
             report(f"stopped before the page was ready; {_kept(store, recording)}")
             return
-        token, listening = new_token(), listen(port)
-        desk = AnnotationSession(store, _application(shown), drawn)
-        port = listening.getsockname()[1]
-        app = page_app(rrd, moments.json, port, token, "server", api(desk))
-        for remark in store.remarks:
-            report(remark)
-        with suppress(KeyboardInterrupt):
-            run(
-                app,
-                listening,
-                lambda: _announce(address(port, token), open_browser, report),
-            )
+        finally:
+            if running is not None:
+                running.stop()
         report(f"stopped; {_kept(store, recording)}")
+
+
+class Shown(Protocol):
+    """What a page shows: a timeline and its moments."""
+
+    application: str
+
+    def app(self, port: int, token: str, more: Sequence[Route]) -> ASGIApp:
+        """Return the page's server."""
+
+
+class EarlierReplay:
+    """The timeline that a replay left.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    rrd, results
+        The timeline, and the results beside it.
+    """
+
+    def __init__(self, recording: Path, rrd: Path, results: Results) -> None:
+        self.application = _application(results)
+        self._rrd = rrd
+        with Recording.open(recording) as opened:
+            self._moments = RenewedMoments(results, opened.streams)
+
+    def app(self, port: int, token: str, more: Sequence[Route]) -> ASGIApp:
+        """Return the page's server."""
+        return page_app(self._rrd, self._moments.json, port, token, "server", more)
+
+
+#: A replay that is stopped has so long to end [s]. Chosen by judgement: it looks at every block.
+PATIENCE_S = 10.0
+
+
+class _StoppedError(Exception):
+    """A replay is wanted no more."""
+
+
+class RunningReplay:
+    """A replay that is shown while it runs, by a thread beside the page's server.
+
+    Parameters
+    ----------
+    recording, results, pipeline, report
+        As :func:`serve`.
+    folder
+        Where its files are.
+
+    Raises
+    ------
+    GroundtraceError, CodecError, ViewerError
+        Where the recording cannot be replayed.
+    """
+
+    def __init__(
+        self, recording: Path, results: Path | None, pipeline: str, folder: Path, report: Report
+    ) -> None:
+        self.application = ""
+        self._rrd, self._report = folder / "replay.rrd", report
+        self._told: Callable[[], bytes] = bytes
+        self._live: LiveMoments | None = None
+        self._one_at_a_time = threading.Lock()
+        self._failed: Exception | None = None
+        self._streams: tuple[Stream, ...] = ()
+        self._begun, self._stopped = threading.Event(), threading.Event()
+        self._asked = recording, results, pipeline, folder
+        self._thread = threading.Thread(target=self._replay, daemon=True)
+        self._thread.start()
+        self._begun.wait()
+        if self._failed is not None:
+            raise self._failed
+
+    def app(self, port: int, token: str, more: Sequence[Route]) -> ASGIApp:
+        """Return the page's server."""
+        return live_app(self._rrd, self.moments, port, token, "server", more)
+
+    def moments(self) -> bytes:
+        """Return those that there are by now as JSON."""
+        return self._told()
+
+    def stop(self) -> None:
+        """End the replay, if it is not at its end."""
+        self._stopped.set()
+        self._thread.join(PATIENCE_S)
+
+    def open(self, session: ReplaySession) -> None:
+        """Begin: the page can be served."""
+        self.application, self._streams = session.application, session.streams
+        self._live = LiveMoments(session)
+        self._told = self._so_far
+        self._begun.set()
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take one block or event."""
+        if self._stopped.is_set():
+            raise _StoppedError
+        if self._live is not None:
+            with self._one_at_a_time:
+                self._live.add(item)
+
+    def _so_far(self) -> bytes:
+        if self._live is None:
+            return b""
+        with self._one_at_a_time:
+            return self._live.so_far().json()
+
+    def close(self) -> None:
+        """End: what is told of the whole comes when its files are there."""
+
+    def _replay(self) -> None:
+        recording, results, pipeline, folder = self._asked
+        try:
+            _, found = replayed(recording, results, pipeline, folder, self._report, beside=[self])
+            self._told = RenewedMoments(found, self._streams).json
+        except _StoppedError:
+            pass
+        except Exception as error:  # told by who waits for the begin, else here
+            self._failed = error
+            if self._begun.is_set():
+                self._report(str(error))
+        finally:
+            self._begun.set()
 
 
 class RenewedMoments:
@@ -195,16 +319,18 @@ def replayed(
     pipeline: str,
     folder: Path,
     report: Report = unheard,
-    progress: Progress = unseen,
+    beside: Sequence[Sink] = (),
 ) -> tuple[Path, Results]:
     """Replay a recording into a folder: return the viewer's file, and the results.
 
     Parameters
     ----------
-    recording, results, pipeline, report, progress
+    recording, results, pipeline, report
         As :func:`serve`.
     folder
         Where to.
+    beside
+        Who looks on while it is replayed.
     """
     rrd, fresh = folder / "replay.rrd", folder / "results.mcap"
     if results is not None:
@@ -213,18 +339,17 @@ def replayed(
         recipe = written_recipe(earlier, folder)
     else:
         recipe = Recipe(Path(pipeline or _fitting(recording)), None, None, None)
-    with progress(100.0, "replaying", "%") as show:
-        replay_to_files(
-            recording,
-            recipe.pipeline,
-            fresh,
-            rrd,
-            geometry=recipe.geometry,
-            from_s=recipe.from_,
-            to_s=recipe.to,
-            report=report,
-            progress=lambda part: show(100 * part),
-        )
+    replay_to_files(
+        recording,
+        recipe.pipeline,
+        fresh,
+        rrd,
+        geometry=recipe.geometry,
+        from_s=recipe.from_,
+        to_s=recipe.to,
+        report=report,
+        beside=beside,
+    )
     return rrd, read_results(fresh)
 
 

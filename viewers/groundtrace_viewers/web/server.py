@@ -246,12 +246,21 @@ def _growing(path: str, rrd: Path) -> Route:
                 await asyncio.sleep(POLL_S)
 
     async def answer(_: Request) -> Response:
+        if not partial_of(rrd).exists():
+            return FileResponse(rrd, media_type=KINDS["rrd"])
         return StreamingResponse(pieces(), media_type=KINDS["rrd"])
 
     return Route(path, answer)
 
 
-def live_app(rrd: Path, moments: Path, port: int, token: str) -> ASGIApp:
+def live_app(
+    rrd: Path,
+    moments: Callable[[], bytes],
+    port: int,
+    token: str,
+    annotations: str = "off",
+    more: Sequence[Route] = (),
+) -> ASGIApp:
     """Return the server of a page whose replay is still running.
 
     Parameters
@@ -259,8 +268,8 @@ def live_app(rrd: Path, moments: Path, port: int, token: str) -> ASGIApp:
     rrd
         The viewer's file, which grows under another name until it is finished.
     moments
-        A JSON file that is replaced as moments come, see :class:`~.rerun.moments.PageMoments`.
-    port, token
+        Returns those that there are as JSON, see :class:`~.rerun.moments.PageMoments`.
+    port, token, annotations, more
         As of :func:`page_app`.
 
     Raises
@@ -268,12 +277,18 @@ def live_app(rrd: Path, moments: Path, port: int, token: str) -> ASGIApp:
     ViewerError
         Where the viewer is not installed.
     """
+
+    def layout() -> bytes:
+        """Return the layout: of a replay that runs it comes with it, and again as more is known."""
+        return b"" if partial_of(rrd).exists() else layout_of(rrd)
+
     replay = [
         _growing("/replay.rrd", rrd),
-        _fixed("/layout.rrd", b""),  # it comes with the replay, and again with each new stage
-        _on_disk("/moments.json", moments, KINDS["json"]),
+        _fixed("/layout.rrd", layout),
+        _fixed("/moments.json", moments),
+        *more,
     ]
-    return _page(replay, {"annotations": "off", "live": True}, port, token)
+    return _page(replay, {"annotations": annotations, "live": True}, port, token)
 
 
 def page_app(
@@ -442,7 +457,7 @@ def main(rrd: Path, port: int, token: str, moments: bytes | Path) -> None:
     """
     listening = listen(port)
     if isinstance(moments, Path) and partial_of(rrd).exists():
-        run(live_app(rrd, moments, port, token), listening)
+        run(live_app(rrd, moments.read_bytes, port, token), listening)
         return
     now = moments.read_bytes if isinstance(moments, Path) else moments
     run(page_app(rrd, now, port, token, "browser"), listening)

@@ -42,6 +42,7 @@ class Page {
     this.marks = new Marks(kept ? new ServerStore() : new BrowserStore(moments, config.marks ?? []), this);
     this.sample_s = moments.sample_s ?? UNKNOWN_SAMPLE_S;
     this.drawing = false;
+    this.led = false;
     this.keys = new Keys(this.table());
     this.furnish();
   }
@@ -50,8 +51,11 @@ class Page {
     return this.player.at;
   }
 
+  /** Go where a person wants to. */
   go(seconds) {
-    if (seconds !== null) this.player.go(seconds);
+    if (seconds === null) return;
+    this.led = true;
+    this.player.go(seconds);
   }
 
   by(seconds) {
@@ -254,7 +258,7 @@ class Page {
     await started;
     byId("status").hidden = true;
     if (this.moments.live) this.renew();
-    else this.go(this.opening());
+    else this.player.go(this.opening());
     if (this.moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     this.opened = true;
     if (this.marking) await this.layer();
@@ -281,6 +285,7 @@ class Page {
     const moments = await document_of("moments.json");
     if (moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     if (moments.pending && moments.pending === this.moments.pending) return;
+    const ended = this.moments.live && !moments.live;
     Object.assign(this.moments, moments);
     this.player.duration = moments.duration_s;
     this.strip.duration = Math.max(moments.duration_s, 1e-9);
@@ -288,6 +293,7 @@ class Page {
     if (!moments.live) {
       this.decision.renew(moments.misses);
       this.tuning.renew(moments);
+      if (ended && !this.led) this.player.go(this.opening());
     }
     this.tell_duration();
     this.changed();
