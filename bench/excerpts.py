@@ -2,8 +2,8 @@
 
     python bench/excerpts.py recordings/groundtrace_recordings     all of them, into that folder
 
-Each ``NAME.toml`` beside the bundled recordings says which file of ``GROUNDTRACE_DATA`` an excerpt
-is of, by its SHA-256, and the commands that make it. Title, address, licence, authors and changes
+Each ``NAME.toml`` beside the bundled recordings says which files of ``GROUNDTRACE_DATA`` an excerpt
+is of, by their SHA-256, and the commands that make it. Title, address, licence, authors and changes
 become a metadata record of the excerpt, which copies keep and ``groundtrace info`` prints.
 """
 
@@ -52,13 +52,14 @@ def make(name: str, described: dict[str, Any], data: Path, folder: Path) -> Path
     folder
         Where the excerpt goes.
     """
-    source = data / described["file"]
-    found = file_sha256(source)
-    if found != described["sha256"]:
-        raise SystemExit(f"{source}: expected SHA-256 {described['sha256']}, found {found}")
+    sources = {data / file: sha256 for file, sha256 in described["sources"].items()}
+    for source, sha256 in sources.items():
+        if (found := file_sha256(source)) != sha256:
+            raise SystemExit(f"{source}: expected SHA-256 {sha256}, found {found}")
     target = folder.resolve() / f"{name}.mcap"
     with tempfile.TemporaryDirectory() as made, inside(Path(made)):
-        shutil.copy(source, source.name)
+        for source in sources:
+            shutil.copy(source, source.name)
         for command in described["commands"]:
             groundtrace(shlex.split(command)[1:])
         tell(Path(target.name), target, {key: described[key] for key in TOLD})

@@ -54,3 +54,27 @@ def test_recordings_are_listed_and_each_says_where_it_is_from(capsys):
     wrong = run(capsys, "recordings", "show", "lower-bakc")
     assert (wrong.code, wrong.error[-26:]) == (2, "; did you mean lower-back?")
     assert run(capsys, "recordings", "get").code == 2
+
+
+def test_a_recording_is_replayed_with_the_pipeline_for_what_it_states(capsys):
+    for name, pipeline in (
+        ("foot", "foot-inertial"),
+        ("lower-back", "waist-steps"),
+        ("magnet", "heading"),
+        ("phone-hand", "waist-steps"),
+        ("phone-indoor", "pedestrian"),
+        ("room-walk", "room-footsteps"),
+        ("shots", "hammer-shots"),
+        ("vehicle-pass", "vehicle-tracks"),
+        ("waist-walk", "waist-steps"),
+    ):
+        document = done(capsys, "info", path_of(f"{name}.mcap"), "--json").document
+        assert document["pipelines"][0] == pipeline, name
+
+
+def test_a_pipeline_that_was_printed_whole_warns_of_nothing(capsys):
+    Path("mine.toml").write_text(done(capsys, "pipelines", "waist-steps").out, "utf-8")
+    given = ("replay", "lower-back", "--pipeline", "mine.toml", "--no-viewer")
+    assert done(capsys, *given).err == ""
+    ran = done(capsys, *given, "--set", "steps.swing=0.3")
+    assert "steps.swing decides nothing here, but score and apart" in ran.err + ran.out

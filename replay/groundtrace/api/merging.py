@@ -15,7 +15,7 @@ from groundtrace_codecs.truth import read_truth
 from ..errors import RecordingError
 from ..pipeline.results import RUN, file_sha256
 from .files import existing_file, unheard
-from .pipelines import fitting_pipeline
+from .pipelines import steps_pipeline
 from .progress import unseen
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ class ClockFinder:
         from .align import steps_by_replay
 
         recording = self.recordings[number]
-        pipeline = self.given.pipelines.get(number) or fitting_pipeline(recording)
+        pipeline = self.given.pipelines.get(number) or steps_pipeline(recording)
         if pipeline is None:
             name = self.sources[number].name
             raise RecordingError(

@@ -32,15 +32,46 @@ if TYPE_CHECKING:
 
 
 def fitting_pipeline(recording: Recording) -> str | None:
-    """Return the pipeline for what a recording holds; None where it does not tell."""
-    seismic = sum(len(s.columns_of(SEISMIC_QUANTITIES)) for s in recording.streams)
+    """Return the pipeline for what a recording states and holds; None where it does not tell."""
+    truth = {label.kind for label in recording.labels}
+    moves = all(_has(recording, each) for each in ("acceleration", "angular_velocity"))
+    if "trigger" in truth and _seismic_channels(recording):
+        return "hammer-shots"
+    if moves and "step" not in truth and not _on_foot(recording):
+        if truth & {"heading", "disturbed"}:
+            return "heading"
+        if "waypoint" in truth:
+            return "pedestrian"
+    return steps_pipeline(recording)
+
+
+def steps_pipeline(recording: Recording) -> str | None:
+    """Return the pipeline for the steps or vehicles that signals are of, whatever the truth."""
+    seismic = _seismic_channels(recording)
     if recording.geometry is not None and recording.geometry.road and seismic:
         return _beside_a_road(recording.geometry)
     if recording.geometry is not None and recording.geometry.sensors and seismic >= 3:
         return "room-footsteps"
-    if any(s.columns_of({"acceleration", "acceleration_magnitude"}) for s in recording.streams):
+    if _on_foot(recording):
+        return "foot-inertial"
+    if _has(recording, "acceleration") or _has(recording, "acceleration_magnitude"):
         return "waist-steps"
     return None
+
+
+def _seismic_channels(recording: Recording) -> int:
+    return sum(len(s.columns_of(SEISMIC_QUANTITIES)) for s in recording.streams)
+
+
+def _has(recording: Recording, quantity: str) -> bool:
+    return any(s.columns_of({quantity}) for s in recording.streams)
+
+
+def _on_foot(recording: Recording) -> bool:
+    """Whether a sensor of both motions is stated to be on a foot."""
+    feet = [s for s in recording.streams if "foot" in (s.placement or "")]
+    both = ("acceleration", "angular_velocity")
+    return all(any(s.columns_of({quantity}) for s in feet) for quantity in both)
 
 
 def suggested_pipelines(recording: Recording) -> list[str]:

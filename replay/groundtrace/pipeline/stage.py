@@ -967,10 +967,12 @@ class StageRunner:
             refused.text = ""
 
     def _not_asked(self, instance: _Instance, time_ns: int) -> Iterator[Note]:
-        """Say at the run's begin which thresholds were set that decide nothing here."""
+        """Say at the run's begin which thresholds were changed that decide nothing here."""
         own = [gate.parameter for gate in instance.stage.gates]
+        usual = self.kind.Parameters()
         for name in dict.fromkeys(gate.parameter for gate in self.kind.gates):
-            if name in self.config.parameters and name not in own:
+            value = self.config.parameters.get(name, getattr(usual, name))
+            if value != getattr(usual, name) and name not in own:
                 text = f"{instance.spec.topic}: {self.name}.{name} decides nothing here, but "
                 yield Note(time_ns, text + " and ".join(own), "WARN", self.name)
 
