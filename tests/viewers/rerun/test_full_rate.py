@@ -56,7 +56,7 @@ def written(path: Path, mode: str, session: ReplaySession | None = None) -> Path
 
 
 def seconds(path: Path, entity: str = "/signals/seismic") -> np.ndarray:
-    times, values = read_back(path, entity, SINGLES if entity == "/signals/seismic" else SCALARS)
+    times, values = read_back(path, entity, SINGLES if entity.endswith("/seismic") else SCALARS)
     known = np.isfinite(np.array(values)).any(axis=1) if len(values) else []
     return times[known] / 1e9
 

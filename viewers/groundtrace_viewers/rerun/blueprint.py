@@ -100,7 +100,7 @@ def blueprint(
         return _page(_headings(session, entities), session, follow=follow)
     mapped = bool(_of(entities, "map"))
     on_road = session.application == "vehicle"
-    detail = [] if on_road else _detail(session.application, entities)
+    detail = [] if on_road else _detail(session, entities)
     overview = _overview(session, entities)
     most = MOST_ON_ROAD if on_road else MOST_LANES
     decided = _decided(entities, halves=mapped)
@@ -213,7 +213,7 @@ def _shots(
     rest: list[Any] = [whole(e, span_ns) for e in _of(entities, "shots")]
     rest += [view for view, _ in _overview(session, entities)]
     rest += lanes_view(entities) if _of(entities, "lane") else []
-    rest += [view for view, _ in _detail(session.application, entities)]
+    rest += [view for view, _ in _detail(session, entities)]
     parts: list[Part] = _parts(far, 4.6)
     parts.append((rrb.Horizontal(*words, column_shares=[5.0, 6.0][: len(words)]), 4.2))
     parts += _parts(rest, 1.9)
@@ -325,6 +325,8 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     signals = [plot_view(e) for e in seismic]
     span_ns = _shown_span(session)
     signals += [whole(_short(e), span_ns) for e in _of(entities, "whole")]
+    if session.application == "vehicle":
+        signals += [whole(e, span_ns) for e in _of(entities, "rows")]
     tonal = [fixed(e, e.path, linked()) for e in _of(entities, "spectrogram")]
     follow = around(AROUND_S, AROUND_S)
     tonal += [fixed(e, e.path, follow) for e in _of(entities, "tones")]
@@ -410,8 +412,9 @@ def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> lis
     return _parts(lanes_view(entities), rest * height / (1.0 - height))
 
 
-def _detail(application: str, entities: Sequence[Entity]) -> list[Part]:
-    """Show the samples around the cursor: fast streams, else the first acceleration."""
+def _detail(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
+    """Show samples around the cursor, of fast streams or the first acceleration, and rows."""
+    application, span_ns = session.application, _shown_span(session)
     signals = _of(entities, "signal")
     fast = [e for e in signals if e.rate_hz > FULL_RATE_HZ]
     slow = [e for e in signals if e.quantity in ACCELERATIONS]
@@ -421,6 +424,7 @@ def _detail(application: str, entities: Sequence[Entity]) -> list[Part]:
         for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
     ]
     decisions = [decision(e, span) for e in _of(entities, "decision")]
+    shown += [whole(e, span_ns) for e in _of(entities, "rows")]
     waves = [waves_view(e) for e in _of(entities, "waves")]
     if application == "room":  # it has more plots than a small window has room for
         return _parts([*waves, *shown, *decisions], 4.5 if waves else 2.6)
@@ -478,6 +482,7 @@ def plot_view(entity: Entity) -> rrb.View:
         name=entity.title,
         axis_x=linked(),
         plot_legend=no_legend(),
+        overrides=_drawn(entity),
     )
 
 
@@ -495,6 +500,7 @@ def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
         axis_x=axis,
         axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)) if entity.top else None,
         plot_legend=no_legend(),
+        overrides=_drawn(entity),
     )
 
 
@@ -534,7 +540,7 @@ def samples(entity: Entity, companions: Sequence[Entity], span_s: tuple[float, f
         name=_sampled(entity, companions, span),
         axis_x=around(before, after),
         plot_legend=no_legend(),
-        overrides={entity.path: _mapped(entity.component)} if entity.component else None,
+        overrides=_drawn(entity),
     )
 
 
@@ -543,6 +549,11 @@ def _sampled(entity: Entity, companions: Sequence[Entity], span: str) -> str:
     what, unit, key = entity.title.partition("]")
     norm = ", magnitude white" if any(e.role == "norm" for e in companions) else ""
     return f"{what}{unit}, cursor {span}{key}{norm}"
+
+
+def _drawn(entity: Entity) -> dict[Any, Any] | None:
+    """Return what draws curves that are no scalars; None of those that are."""
+    return {entity.path: _mapped(entity.component)} if entity.component else None
 
 
 def _mapped(component: str) -> rrb.Visualizer:

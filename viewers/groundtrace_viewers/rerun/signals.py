@@ -114,6 +114,9 @@ class SignalView:
             if enveloped(stream, curves.quantity)
             for role, rate_hz in envelopes_of(plan)
         ]
+        coarsest = self._levels[len(envelopes_of(plan)) - 1 :: len(envelopes_of(plan))]
+        for level in coarsest:
+            level.rows = ChannelRows.of(timeline, stream, level.curves, self._styles)
         self._parts: list[Part] = []
         self._pending = 0
         self._end_ns: int | None = None
@@ -290,6 +293,24 @@ class CurveStyles:
         lines = self._lines(curves, AggregationPolicy.Max)
         return self._entity(role, title, curves), lines
 
+    def rows(self, curves: Curves, scale: str) -> tuple[Entity, rr.SeriesLines]:
+        """Return a row for each channel, by a scale, and how it is drawn."""
+        from rerun.components import AggregationPolicy
+
+        channels = [self._stream.channels[i] for i in curves.columns]
+        count = len(channels)
+        named = f"1 {channels[0].name} to {count} {channels[-1].name}"
+        entity = Entity(
+            f"/rows/{scale.replace(' ', '-')}{curves.path}",
+            "rows",
+            f"Rows, {scale}: {named}",
+            series=count,
+            top=count + 1.0,
+            bottom=0.8,
+            component=SINGLES,
+        )
+        return entity, self._lines(curves, AggregationPolicy.Max)
+
     def norm(self, curves: Curves) -> tuple[Entity, rr.SeriesLines]:
         """Return the magnitude of axes, and how it is drawn."""
         import rerun as rr
@@ -322,7 +343,7 @@ class CurveStyles:
         )
 
     def _entity(self, role: Role, title: str, curves: Curves) -> Entity:
-        single = role == "signal" and enveloped(self._stream, curves.quantity)
+        single = enveloped(self._stream, curves.quantity)
         return Entity(
             entity_path(role, curves),
             role,
@@ -440,7 +461,8 @@ class EnvelopeView:
         chunk_s: float,
     ) -> None:
         self._timeline = timeline
-        self._curves = curves
+        self.curves = curves
+        self.rows: ChannelRows | None = None
         self._pending: list[Piece] = []
         self._rows = 0
         self._most = max(1, round(chunk_s / bucket_s))
@@ -458,21 +480,103 @@ class EnvelopeView:
     def end(self, end_ns: int) -> None:
         """End the curves at an interruption: the viewer would draw a line across it."""
         self._take(self._envelope.flush())
-        self._take((np.array([end_ns]), np.full((1, len(self._curves.columns)), np.nan)))
+        self._take((np.array([end_ns]), np.full((1, len(self.curves.columns)), np.nan)))
 
     def close(self) -> None:
         """Log what is pending and the last bucket."""
         self._take(self._envelope.flush())
         self._log()
+        if self.rows is not None:
+            self.rows.close()
 
     def _take(self, piece: Piece) -> None:
         if len(piece[0]):
             self._pending.append(piece)
             self._rows += len(piece[0])
+            if self.rows is not None:
+                self.rows.take(piece)
 
     def _log(self) -> None:
         if self._pending:
             times = np.concatenate([piece[0] for piece in self._pending])
             peaks = np.concatenate([piece[1] for piece in self._pending])
-            self._timeline.scalars(self._path, times, peaks * self._curves.factor)
+            self._timeline.singles(
+                self._path, times, (peaks * self.curves.factor).astype(np.float32)
+            )
         self._pending, self._rows = [], 0
+
+
+#: So many channels lie on each other in one plot; so many columns are as wide as a screen. Chosen
+#: by judgement.
+LEAST_ROWS, MOST_COLUMNS = 5, 600
+#: A row's height in distances between rows, and in how many steps it is drawn: about a pixel each.
+ROW_HEIGHT, ROW_STEPS = 0.9, 32
+
+
+class ChannelRows:
+    """Logs a row for each of many channels: all scaled together, and each to itself.
+
+    Rows are those of the whole recording: envelopes of so many columns as a screen has.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    stream
+        Of the channels.
+    curves
+        Which of them.
+    styles
+        How they are drawn.
+    """
+
+    def __init__(
+        self, timeline: Timeline, stream: Stream, curves: Curves, styles: CurveStyles
+    ) -> None:
+        self._timeline, self._stream = timeline, stream
+        self._curves, self._styles = curves, styles
+        self._pieces: list[Piece] = []
+        self._count = 0
+
+    @classmethod
+    def of(
+        cls, timeline: Timeline, stream: Stream, curves: Curves, styles: CurveStyles
+    ) -> ChannelRows | None:
+        """Return rows, where there are many channels."""
+        many = len(curves.columns) >= LEAST_ROWS
+        return cls(timeline, stream, curves, styles) if many else None
+
+    def take(self, piece: Piece) -> None:
+        """Take buckets: times, and the largest |x| of each channel."""
+        self._pieces.append(piece)
+        self._count += len(piece[0])
+        if self._count >= 2 * MOST_COLUMNS:
+            self._halve()
+
+    def _halve(self) -> None:
+        """Make one column of two."""
+        times, peaks = self._whole()
+        even = len(times) // 2 * 2
+        halved = np.fmax(peaks[0:even:2], peaks[1:even:2])
+        self._pieces = [(times[0:even:2], halved), (times[even:], peaks[even:])]
+        self._count = even // 2 + len(times) - even
+
+    def _whole(self) -> Piece:
+        times = np.concatenate([piece[0] for piece in self._pieces])
+        return times, np.concatenate([piece[1] for piece in self._pieces])
+
+    def close(self) -> None:
+        """Log the rows."""
+        if not self._count:
+            return
+        times, peaks = self._whole()
+        if not np.isfinite(peaks).any():
+            return
+        own = np.nanmax(peaks, axis=0)
+        numbers = np.arange(1.0, peaks.shape[1] + 1)
+        for scale, top in (("one scale", np.full_like(own, own.max())), ("each its own", own)):
+            height = ROW_HEIGHT * peaks / np.where(top > 0, top, 1.0)
+            rows = numbers + np.rint(height * ROW_STEPS) / ROW_STEPS
+            entity, style = self._styles.rows(self._curves, scale)
+            self._timeline.declare(entity, style)
+            self._timeline.singles(entity.path, times, rows.astype(np.float32))

@@ -62,7 +62,7 @@ class Entity:
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``travel``, ``shot``, ``shots``,
         ``detector``, ``decision``, ``masses``, ``heading``, ``ratio``, ``road``, ``spectrum``,
         ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``, ``card``,
-        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``, ``row``, ``waves``.
+        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``, ``rows``, ``waves``.
     title
         Heading of its view.
     series
