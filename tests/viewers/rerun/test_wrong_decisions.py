@@ -37,6 +37,8 @@ from groundtrace_viewers.rerun.wrong_decisions import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from shared_viewer import SharedViewer
+
     from groundtrace.explain.why import StepExplanation
 
 WALK = path_of("waist-walk.mcap")
@@ -192,6 +194,14 @@ def test_the_log_names_cause_and_remedy_of_every_wrong_step(
     _, lines = read_back(rrd, "/log/score", "TextLog:text")
     for [line], missed in zip(lines, explained.missed, strict=True):
         assert f"missed step: threshold: {missed.reason.text}; --set steps.height=" in line
+
+
+def test_wrong_steps_have_a_list_of_their_own(tmp_path: Path, viewer: SharedViewer) -> None:
+    rrd, _ = replay_bundled(tmp_path, f"steps.height={HEIGHT}")
+    state, _ = viewer.show(rrd, 1.0)
+    views = {view.origin: view.name for view in state.views if view.kind == "TextLog"}
+    assert views["/log/score"] == "Wrong: 21 missed, 0 false"
+    assert views["/log"] == "Events"
 
 
 def test_misses_are_bands_as_wide_as_the_tolerance(walk: tuple[Path, StepExplanation]) -> None:

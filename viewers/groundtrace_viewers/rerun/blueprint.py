@@ -267,7 +267,8 @@ def _parts(shown: Sequence[rrb.View], share: float) -> list[Part]:
 
 
 def _texts(entities: Sequence[Entity]) -> list[Part]:
-    tabs = [log()] if _of(entities, "log") else []
+    tabs = [log(e.path, e.title) for e in _of(entities, "wrong")]
+    tabs += [log()] if _of(entities, "log") or tabs else []
     tabs += [table(e) for e in _of(entities, "table")]
     tabs.append(page())
     of_step = [text(e) for e in _of(entities, "page")]

@@ -61,8 +61,9 @@ class Entity:
         What it is, which chooses its view: ``envelope``, ``overview``, ``whole``, ``signal``,
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``travel``, ``shot``, ``shots``,
         ``detector``, ``decision``, ``masses``, ``heading``, ``ratio``, ``road``, ``spectrum``,
-        ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``, ``card``,
-        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``, ``rows``, ``waves``.
+        ``hodogram``, ``mark``, ``lane``, ``log``, ``wrong``, ``table``, ``page``, ``map``,
+        ``card``, ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``,
+        ``rows``, ``waves``.
     title
         Heading of its view.
     series

@@ -53,6 +53,8 @@ AXES = ("x_m", "y_m")
 SAME = 0.01
 #: Lengths of the scale's bar are these times a power of ten, at most this part of the map's extent.
 ROUND, LONGEST = (5.0, 2.0, 1.0), 0.2
+#: The bar is this far up the margin: its label stands above the key of tracks.
+BAR_UP = 1.05
 
 
 def _plane(site: Geometry | None) -> TangentPlane:
@@ -260,7 +262,7 @@ class WalkMap(View):
         most = LONGEST * extent
         decade = 10.0 ** np.floor(np.log10(most))
         length = next(float(part * decade) for part in ROUND if part * decade <= most)
-        x, y = left + 0.02 * extent, low + MARGIN * extent * 0.6
+        x, y = left + 0.02 * extent, low + MARGIN * extent * BAR_UP
         bar = rr.LineStrips2D(
             [[(x, y), (x + length, y)]],
             labels=[f"{length:g} m"],

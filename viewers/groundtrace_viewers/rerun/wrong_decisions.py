@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
@@ -255,6 +256,9 @@ def _log_lines(
     decisions: Sequence[Decision] = (),
 ) -> None:
     """Log a line for every step that was missed or is false."""
+    counts = Counter(one.verdict for one in wrong)
+    title = f"Wrong: {counts['missed']} missed, {counts['false']} false"
+    timeline.declare(Entity("/log/score", "wrong", title))
     said = {(d.verdict, d.time_ns): d for d in decisions}
     for one in wrong:
         decision = said.get((one.verdict, one.time_ns))
