@@ -136,7 +136,7 @@ def opens_s(recording: Path, results: Path) -> float:
 
     with Recording.open(recording) as opened:
         found = moments_of_results(read_results(results), opened.streams)
-        shots = [label.time_ns for label in opened.labels if label.kind == "shot"]
+        shots = [label.time_ns for label in opened.labels if label.kind == "impact"]
         if shots:
             return (sorted(shots)[len(shots) // 2] - opened.start_ns) / NS_PER_S + 0.04
     wrong = [moment.t_s for moment in (*found.misses, *found.events)]

@@ -336,7 +336,7 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     decided = [_decision(e) for e in _of(entities, "detector")]
     decisions = [*_parts(decided, 1.8), *_parts(margins, 1.8)]
     if session.application == "room":  # it has more plots than a small window has room for
-        decisions = _parts([*decided, *margins], 1.8)
+        decisions = _parts([*margins, *decided], 1.8)
     if session.application == "shots":
         return [(view, 1.4) for view in (*signals, *tonal, *decided)] + _worn(entities)
     if session.application == "walker":
