@@ -42,7 +42,7 @@ export class Strip {
     pen.globalAlpha = 0.8;
     for (const m of moments) if (STEPS.has(m.kind)) lane("step", 0.06, 0.32, m.t_s);
     pen.globalAlpha = 1;
-    for (const m of moments) if (WRONG.has(m.kind)) lane(m.kind === "missed" ? "missed" : "false", 0.36, 0.62, m.t_s);
+    for (const m of moments) if (WRONG.has(m.kind)) lane(m.kind === "false" ? "false" : "missed", 0.36, 0.62, m.t_s);
     for (const m of marks) lane("mark", 0.68, 0.94, m.time_s, m.end_s ?? m.time_s);
     pen.fillStyle = this.colour("strong");
     pen.fillRect(x(player.at) - scale / 2, 0, 1.5 * scale, height);
