@@ -130,11 +130,12 @@ docs: dev ## the site of the documentation, in build/site; a warning is an error
 	rm -rf build/site build/site-src && mkdir -p build && cp -r docs build/site-src
 	$(BIN)/sphinx-build -q -W --keep-going -b html build/site-src build/site
 
-pictures: $(VENV)/installed ## those in the README
+pictures: $(VENV)/installed ## those in the README and the docs
 	mkdir -p build
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
 	$(BIN)/python -P -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
-	cd build && ../$(BIN)/groundtrace demo --no-viewer
+	$(BIN)/groundtrace replay lower-back --rrd build/lower-back.rrd --out build/lower-back.results.mcap --force
+	$(BIN)/python -P -m groundtrace_viewers build/lower-back.rrd docs/walker.png --at 8.65 --size 1280x720
 	$(BIN)/groundtrace figure build/lower-back.results.mcap --step 2 -o docs/images/missed-step.png --dpi 150
 
 clean:

@@ -237,6 +237,7 @@ class Page {
     const { player, marks } = this;
     const time = byId("time");
     if (document.activeElement !== time) time.value = player.at.toFixed(6);
+    time.classList.toggle("long", time.value.length > 10);
     byId("speed").value = Math.log10(player.speed);
     byId("speed-text").textContent = `${+player.speed.toPrecision(2)}x`;
     this.play_button.textContent = player.playing ? "❚❚" : "▶";
