@@ -22,7 +22,7 @@ import numpy as np
 from groundtrace_codecs.events import SMOOTHED, CandidateBlock, Gap, Note, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from .gates import Candidates, GateState, decided_block
+from .gates import Candidates, GateState, Level, decided_block
 from .source import RunBefore, Source, runs_before
 from .stage import CLOCK_STEP, Memory, StageRunner
 
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     #: What stages made of something: by their names, events, and what was made of these.
     Made = dict[str, list[tuple[Event, "Made"]]]
 
+#: What stages call the least time between two that are accepted. Source: definition.
+REFRACTORY = "refractory_s"
 #: The end of a warm-up in which both sides of a join are compared [s]. Chosen by judgement: some
 #: steps of a walk.
 CHECKED_S = 5.0
@@ -380,6 +382,10 @@ class Played:
         self._stage = stage
         self._known = known
         self._carry: dict[str, GateState] = {}
+        gates = stage.kind.gates
+        plain = bool(gates) and all(isinstance(gate, Level) for gate in gates[:-1])
+        #: The gate that alone remembers, and is the last: it remembers what was accepted last.
+        self._waits = gates[-1].name if plain and gates[-1].parameter == REFRACTORY else ""
 
     def process(self, item: Any) -> list[Event]:
         """Return what was made of an item."""
@@ -405,11 +411,17 @@ class Played:
         return found
 
     def _decided(self, block: CandidateBlock) -> CandidateBlock:
+        carry = self._carry.setdefault(block.spec.topic, GateState())
+        # a time that is told by what both sides of a join have decided alike is right
+        if self._waits and (block.gate_value[:, -1] < CHECKED_S).all():
+            passed = block.accepted
+            channels, times = block.channel[passed].tolist(), block.time_ns[passed].tolist()
+            last = carry.last_ns.setdefault(self._waits, {})
+            last.update(zip(channels, times, strict=True))
+            return block
         candidates = Candidates(block.time_ns, block.channel, block.value)
         kind, parameters, topic = self._stage.kind, self._stage.parameters, block.spec.topic
-        decided, self._carry[topic] = decided_block(
-            block.spec, candidates, kind, parameters, self._carry.get(topic)
-        )
+        decided, self._carry[topic] = decided_block(block.spec, candidates, kind, parameters, carry)
         if not np.array_equal(decided.accepted, block.accepted):
             raise JoinError(self.name)
         return decided
