@@ -23,7 +23,7 @@ from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
 from ..errors import PipelineError, RecordingError, SettingError, did_you_mean
 from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
-from ..pipeline.gates import Candidates, decide, decided_block, gate_specs, stated
+from ..pipeline.gates import Candidates, GateState, decide, decided_block, gate_specs, stated
 from ..pipeline.parameters import build, describe, parse_value
 from ..pipeline.plugins import stage_named
 from ..pipeline.stage import StageRunner, accepted_events, associates, detects, emitted
@@ -189,18 +189,13 @@ class OfflineDecider:
         self, key: str, kind: Any, parameters: Any, span_ns: tuple[int, int] | None
     ) -> Iterator[Event]:
         for part in self.evidence.of(key):
-            candidates = part.candidates
+            candidates, carry = part.candidates, part.carried()
             if span_ns is not None:
-                candidates = candidates.rows(part.between(*span_ns))
+                candidates, carry = candidates.rows(part.between(*span_ns)), GateState()
             spec = replace(part.spec, gates=gate_specs(stated(kind.gates, part.spec), parameters))
-            yield from self._decided(spec, kind, parameters, candidates)
-
-    def _decided(
-        self, spec: StageSpec, kind: Any, parameters: Any, candidates: Candidates
-    ) -> Iterator[Event]:
-        block, _ = decided_block(spec, candidates, kind, parameters)
-        yield block
-        yield from accepted_events(block)
+            block, _ = decided_block(spec, candidates, kind, parameters, carry)
+            yield block
+            yield from accepted_events(block)
 
 
 def _sources(
@@ -251,12 +246,21 @@ class GateCascade:
         In order.
     candidates
         What they decide on.
+    carry
+        What decisions before left behind.
     """
 
-    def __init__(self, spec: StageSpec, gates: Sequence[Any], candidates: Candidates) -> None:
+    def __init__(
+        self,
+        spec: StageSpec,
+        gates: Sequence[Any],
+        candidates: Candidates,
+        carry: GateState | None = None,
+    ) -> None:
         self.spec = spec
         self.gates = gates
         self.candidates = candidates
+        self._carry = carry
         self._last: list[tuple[float, Candidates]] = []
 
     def within(self, start_ns: int, end_ns: int) -> GateCascade:
@@ -273,7 +277,8 @@ class GateCascade:
             if depth < len(self._last) and self._last[depth][0] != threshold:
                 del self._last[depth:]
             if depth == len(self._last):
-                decisions, _ = decide(found, self.spec.columns, (gate,), parameters)
+                given = found, self.spec.columns, (gate,), parameters
+                decisions, _ = decide(*given, self._carry)
                 self._last.append((threshold, found.rows(decisions.accepted)))
             found = self._last[depth][1]
         return found
@@ -395,7 +400,7 @@ class StepChain:
             if not associates(kind):
                 link.load(
                     [
-                        GateCascade(p.spec, stated(kind.gates, p.spec), p.candidates)
+                        GateCascade(p.spec, stated(kind.gates, p.spec), p.candidates, p.carried())
                         for p in evidence.of(stage.key)
                     ]
                 )

@@ -27,7 +27,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..errors import OutputError, RecordingError
 from ..runtime import installed_version
 from .config import parse_pipeline
-from .gates import Candidates
+from .gates import REFRACTORY, Candidates, GateState
 from .parameters import given_waypoints
 from .stage import Frames
 from .warned import warnings_of
@@ -479,6 +479,24 @@ class StageEvidence:
         """Return the rows of candidates with start <= time <= end."""
         times = self.candidates.time_ns
         return np.flatnonzero((times >= start_ns) & (times <= end_ns))
+
+    def carried(self) -> GateState:
+        """Return what decisions before the first candidates left behind, where they tell it.
+
+        Those of a span do: each channel's first one says how long before another was accepted.
+        """
+        state = GateState()
+        channels, first = np.unique(self.candidates.channel, return_index=True)
+        for column, gate in enumerate(self.spec.gates):
+            if gate.parameter != REFRACTORY:
+                continue
+            since_s = self.gate_value[first, column].astype(np.float64)
+            known = np.isfinite(since_s)
+            back_ns = np.rint(since_s[known] * NS_PER_S).astype(np.int64)
+            last_ns = self.candidates.time_ns[first[known]] - back_ns
+            pairs = zip(channels[known].tolist(), last_ns.tolist(), strict=True)
+            state.last_ns[gate.name] = dict(pairs)
+        return state
 
 
 @dataclass(frozen=True, slots=True)

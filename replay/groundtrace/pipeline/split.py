@@ -22,7 +22,7 @@ import numpy as np
 from groundtrace_codecs.events import SMOOTHED, CandidateBlock, Gap, Note, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from .gates import Candidates, GateState, Level, decided_block
+from .gates import REFRACTORY, Candidates, GateState, Level, decided_block
 from .source import RunBefore, Source, runs_before
 from .stage import CLOCK_STEP, Memory, StageRunner
 
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     #: What stages made of something: by their names, events, and what was made of these.
     Made = dict[str, list[tuple[Event, "Made"]]]
 
-#: What stages call the least time between two that are accepted. Source: definition.
-REFRACTORY = "refractory_s"
 #: The end of a warm-up in which both sides of a join are compared [s]. Chosen by judgement: some
 #: steps of a walk.
 CHECKED_S = 5.0
