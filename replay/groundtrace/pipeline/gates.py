@@ -180,15 +180,11 @@ class Level:
         return candidates.value[:, column].astype(np.float64)
 
 
-#: What stages call the least time between two that are accepted. Source: definition.
-REFRACTORY = "refractory_s"
-
-
 @dataclass(frozen=True, slots=True)
 class Refractory:
     """A minimum time since the last candidate that passed this gate, per channel."""
 
-    parameter: str = REFRACTORY
+    parameter: str = "refractory_s"
     name: str = "refractory"
     unit: str = "s"
     at_least: bool = True

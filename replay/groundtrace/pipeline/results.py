@@ -27,7 +27,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..errors import OutputError, RecordingError
 from ..runtime import installed_version
 from .config import parse_pipeline
-from .gates import REFRACTORY, Candidates, GateState
+from .gates import Candidates, GateState, Refractory
 from .parameters import given_waypoints
 from .stage import Frames
 from .warned import warnings_of
@@ -488,7 +488,7 @@ class StageEvidence:
         state = GateState()
         channels, first = np.unique(self.candidates.channel, return_index=True)
         for column, gate in enumerate(self.spec.gates):
-            if gate.parameter != REFRACTORY:
+            if gate.parameter != Refractory().parameter:
                 continue
             since_s = self.gate_value[first, column].astype(np.float64)
             known = np.isfinite(since_s)

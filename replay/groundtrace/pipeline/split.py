@@ -22,7 +22,7 @@ import numpy as np
 from groundtrace_codecs.events import SMOOTHED, CandidateBlock, Gap, Note, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from .gates import REFRACTORY, Candidates, GateState, Level, decided_block
+from .gates import Candidates, GateState, Level, Refractory, decided_block
 from .source import RunBefore, Source, runs_before
 from .stage import CLOCK_STEP, Memory, StageRunner
 
@@ -383,7 +383,9 @@ class Played:
         gates = stage.kind.gates
         plain = bool(gates) and all(isinstance(gate, Level) for gate in gates[:-1])
         #: The gate that alone remembers, and is the last: it remembers what was accepted last.
-        self._waits = gates[-1].name if plain and gates[-1].parameter == REFRACTORY else ""
+        self._waits = (
+            gates[-1].name if plain and gates[-1].parameter == Refractory().parameter else ""
+        )
 
     def process(self, item: Any) -> list[Event]:
         """Return what was made of an item."""
