@@ -37,7 +37,8 @@ TOLD = ("title", "url", "licence", "authors", "citation", "changed")
 def descriptions() -> dict[str, dict[str, Any]]:
     """Return the description of each excerpt by its name."""
     folder = Path(groundtrace_recordings.__file__).parent
-    return {p.stem: tomllib.loads(p.read_text("utf-8")) for p in sorted(folder.glob("*.toml"))}
+    every = {p.stem: tomllib.loads(p.read_text("utf-8")) for p in sorted(folder.glob("*.toml"))}
+    return {name: each for name, each in every.items() if "sources" in each}
 
 
 def make(name: str, described: dict[str, Any], data: Path, folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Small recordings with their truth, simulated and real, and maps for importing.
+"""Small recordings with their truth, simulated and real, maps for importing, a catalogue of others.
 
 ``README.md`` beside this file says where each recording is from and which command made it. The
 files are found in a wheel and in an editable install alike.
@@ -20,12 +20,12 @@ class UnknownFileError(CodecError):
 
 def bundled() -> dict[str, Path]:
     """Return the bundled recordings by file name, e.g. ``room-walk.mcap``."""
-    return _listing(_folder(), ".mcap")
+    return _listing(folder(), ".mcap")
 
 
 def maps() -> dict[str, Path]:
     """Return the bundled import maps by file name."""
-    return _listing(_folder() / "maps", ".toml")
+    return _listing(folder() / "maps", ".toml")
 
 
 def path_of(name: str) -> Path:
@@ -50,7 +50,8 @@ def map_path(name: str) -> Path:
     return _found(name, maps(), "a bundled map")
 
 
-def _folder() -> Path:
+def folder() -> Path:
+    """Return where recordings, maps and the catalogue lie."""
     return Path(str(files(__name__)))
 
 

@@ -63,16 +63,17 @@ def existing_recording(path: Path) -> Path:
 
 
 def named_recording(path: Path) -> Path:
-    """Return the recording that is meant: a file, a URL, or else a bundled one by its name.
+    """Return the recording that is meant: a file, a URL, or else one by its name.
 
     Raises
     ------
     RecordingError
-        As :func:`existing_recording` does.
+        As :func:`existing_recording` does; of one of the catalogue that was not fetched yet.
     """
     if path.is_file() or is_url(path) or path.name != str(path):
         return existing_recording(path)
-    return _bundled(f"{path.name.removesuffix('.mcap')}.mcap") or existing_recording(path)
+    name = path.name.removesuffix(".mcap")
+    return _bundled(f"{name}.mcap") or _fetched(name) or existing_recording(path)
 
 
 #: What a timeline begins with. Source: the rerun file format, version 2.
@@ -275,6 +276,19 @@ def recording_of(results: Path, given: Path | None = None, report: Report = unhe
 
 def _same(recording: Path, origin: Provenance) -> bool:
     return file_sha256(recording) == origin.sha256
+
+
+def _fetched(name: str) -> Path | None:
+    """Return a recording of the catalogue; nothing is fetched by a command that does not say so."""
+    from groundtrace_recordings.catalogue import catalogue
+
+    known = catalogue().get(name)
+    if known is None or known.path.is_file():
+        return known.path if known else None
+    raise RecordingError(
+        f"{name}: expected a recording, found one to fetch ({known.bytes / 1e6:.1f} MB): "
+        f"groundtrace recordings get {name}"
+    )
 
 
 def _bundled(name: str) -> Path | None:

@@ -357,7 +357,7 @@ def open_recording(
 
 
 class Recordings:
-    """The recordings that come with groundtrace, by their names.
+    """The recordings that come with groundtrace and those that can be fetched, by their names.
 
     Examples
     --------
@@ -370,19 +370,23 @@ class Recordings:
     def names(self) -> tuple[str, ...]:
         """Their names."""
         from groundtrace_recordings import bundled
+        from groundtrace_recordings.catalogue import catalogue
 
-        return tuple(Path(name).stem for name in bundled())
+        return (*(Path(name).stem for name in bundled()), *catalogue())
 
     def get(self, name: str) -> Path:
-        """Return the file of a recording.
+        """Return the file of a recording; of the catalogue's, it is fetched where it is not here.
 
         Raises
         ------
         Error
-            Where there is none of this name; it says which there are.
+            Where there is none of this name; it says which there are. Where it cannot be fetched.
         """
         from groundtrace_recordings import path_of
+        from groundtrace_recordings.catalogue import catalogue, fetch
 
+        if (known := catalogue().get(name)) is not None:
+            return fetch(known)
         return path_of(name if name.endswith(".mcap") else f"{name}.mcap")
 
     def place(self, source: str | Path) -> Path:

@@ -1,31 +1,33 @@
-"""``groundtrace recordings``: the small recordings that come with groundtrace."""
+"""``groundtrace recordings``: those that come with groundtrace, and those that can be fetched."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import bundled
+from groundtrace_recordings.catalogue import CataloguedRecording, catalogue, fetch
 
 from ..api.files import named_recording
 from ..api.inspection import SOURCE
 from ..errors import UsageError, did_you_mean
-from .console import print_json, print_line, print_table
-from .options import Json
+from .console import print_json, print_line, print_stderr, print_table
+from .options import FLAG, Json
 
 
 @dataclass(frozen=True, slots=True)
-class Bundled:
-    """A recording that comes with groundtrace, and where it is from."""
+class Known:
+    """A recording known by its name, and where it is from."""
 
     name: str
+    here: bool
     path: str
     title: str
-    duration_s: float
+    duration_s: float | None
     bytes: int
     truth: dict[str, int]
     licence: str
@@ -36,29 +38,36 @@ def recordings(
     action: Literal["list", "show", "get"] = "list",
     recording: str | None = None,
     *,
+    offline: Annotated[bool, FLAG] = False,
     json: Json = False,
 ) -> None:
-    """List the bundled recordings, show where one is from, or print the path of one.
+    """List recordings known by name, show where one is from, or fetch one and print its path.
 
     Parameters
     ----------
     action
-        list all; show NAME: source, authors, licence, changes; get NAME: the path of its file.
+        list all; show NAME: source, authors, licence, changes; get NAME: fetch it where it is not
+        here yet, check its SHA-256, convert it, and print the path of its file.
     recording
         Its name, as any command takes it in the place of a file.
+    offline
+        Fetch nothing, as GROUNDTRACE_OFFLINE=1 does.
     """
-    known = [_described(path) for path in bundled().values()]
+    remote = catalogue()
+    names = [*(path.stem for path in bundled().values()), *remote]
     if action != "list":
-        names = [each.name for each in known]
         if recording is None or recording.removesuffix(".mcap") not in names:
             near = did_you_mean(recording or "", names)
             found = "none" if recording is None else repr(recording)
             raise UsageError(
                 f"recordings {action}: expected one of {', '.join(names)}, found {found}{near}"
             )
-        known = [each for each in known if each.name == recording.removesuffix(".mcap")]
+        names = [recording.removesuffix(".mcap")]
     elif recording is not None:
         raise UsageError(f"recordings list: expected no name, found {recording!r}")
+    if action == "get" and names[0] in remote:
+        fetch(remote[names[0]], offline=offline, report=print_stderr)
+    known = [_fetchable(remote[n]) if n in remote else _described(n) for n in names]
     if json:
         print_json({"recordings": known})
     elif action == "get":
@@ -66,20 +75,21 @@ def recordings(
     elif action == "show":
         _print_one(known[0])
     else:
-        rows = [
-            (r.name, f"{r.duration_s:.0f} s", _truth(r), r.licence, f"{r.bytes / 1e6:.2f}", r.title)
-            for r in known
-        ]
-        print_table(("name", "length", "truth", "licence", "MB", "what"), rows)
-        print_line("\nnext: groundtrace replay NAME")
+        print_table(
+            ("name", "here", "length", "truth", "licence", "MB", "what"),
+            [_row(each) for each in known],
+        )
+        print_line("\nnext: groundtrace replay NAME, where it is not here: recordings get NAME")
 
 
-def _described(path: Path) -> Bundled:
+def _described(name: str) -> Known:
+    path = bundled()[f"{name}.mcap"]
     with Recording.open(path) as opened:
         source = opened.metadata.get(SOURCE, {})
         simulation = opened.metadata.get("simulation", {})
-        return Bundled(
-            path.stem,
+        return Known(
+            name,
+            True,
             str(path),
             source.get("title", f"simulated {simulation.get('simulator', '')}"),
             (opened.end_ns - opened.start_ns) / NS_PER_S,
@@ -90,18 +100,41 @@ def _described(path: Path) -> Bundled:
         )
 
 
-def _truth(found: Bundled) -> str:
+def _fetchable(of: CataloguedRecording) -> Known:
+    source = {
+        "title": of.title,
+        "url": of.files[0].url,
+        "licence": of.licence,
+        "authors": of.authors,
+        "citation": of.citation,
+        "changed": "converted to MCAP",
+        "tuned_on": "yes: a setting was chosen on it, or it was seen" if of.tuned_on else "no",
+    }
+    here, size = of.path.is_file(), of.bytes
+    return Known(of.name, here, str(of.path), of.title, None, size, of.truth, of.licence, source)
+
+
+def _row(of: Known) -> tuple[str, ...]:
+    length = "" if of.duration_s is None else f"{of.duration_s:.0f} s"
+    here = "yes" if of.here else "no"
+    return (of.name, here, length, _truth(of), of.licence, f"{of.bytes / 1e6:.2f}", of.title)
+
+
+def _truth(found: Known) -> str:
     return ", ".join(f"{n} {kind}" for kind, n in found.truth.items())
 
 
-def _print_one(found: Bundled) -> None:
+def _print_one(found: Known) -> None:
+    length = "" if found.duration_s is None else f"{found.duration_s:.3f} s, "
     print_line(f"{found.name}: {found.title}")
-    print_line(f"{found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB, truth: {_truth(found)}")
-    for key in ("authors", "url", "citation", "licence", "changed"):
+    print_line(f"{length}{found.bytes / 1e6:.2f} MB, truth: {_truth(found) or 'none'}")
+    for key in ("authors", "url", "citation", "licence", "changed", "tuned_on"):
         if key in found.source:
-            print_line(f"{key}: {found.source[key]}")
-    if found.source:
+            print_line(f"{key.replace('_', ' ')}: {found.source[key]}")
+    if found.duration_s is None:
+        print_line("licence in full: where it is fetched from")
+    elif found.source:
         print_line("licence in full: groundtrace_recordings/THIRD_PARTY.md")
     else:
         print_line("made by: groundtrace simulate")
-    print_line(f"next: groundtrace replay {found.name}")
+    print_line(f"next: groundtrace {'replay' if found.here else 'recordings get'} {found.name}")

@@ -33,7 +33,7 @@ COMMANDS = {
     ),
     "recordings": (
         f"{HERE}.bundled:recordings",
-        "List the recordings that come with groundtrace, or show where one is from.\n\n"
+        "List recordings known by name, show where one is from, or fetch one by its hash.\n\n"
         "Example: groundtrace recordings show lower-back",
     ),
     "import": (
