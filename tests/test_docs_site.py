@@ -16,9 +16,11 @@ def below(page: str) -> list[str]:
         return [page]
     text = (DOCS / f"{page}.md").read_text("utf-8")
     trees = re.findall(r"```\{toctree\}\n(?::.*\n)*\n(.*?)```", text, re.S)
-    return [page, *(each for tree in trees for name in tree.split() for each in below(name))]
+    names = [name for tree in trees for name in tree.split()]
+    folder = Path(page).parent
+    return [page, *(each for name in names for each in below((folder / name).as_posix()))]
 
 
 def test_every_page_is_reached_once() -> None:
-    pages = [path.stem for path in DOCS.glob("*.md")]
+    pages = [p.relative_to(DOCS).with_suffix("").as_posix() for p in DOCS.rglob("*.md")]
     assert sorted(below("index")) == sorted([*pages, *GENERATED])

@@ -174,7 +174,7 @@ def _fetched(file: RemoteFile, place: Path) -> Path:
         found = str(error).partition(" but got ")[2].partition(".")[0] or str(error)
         raise FetchError(f"{file.url}: expected SHA-256 {file.sha256}, found {found}") from None
     except requests.HTTPError as error:
-        found = f"HTTP status {error.response.status_code}"
+        found = f"HTTP status {getattr(error.response, 'status_code', 'unknown')}"
     except requests.ConnectionError:
         found = "no connection, or one that broke"
     except requests.RequestException as error:

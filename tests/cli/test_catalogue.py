@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from command_runs import done, run
 
+import groundtrace as gt
 import groundtrace_recordings
 from groundtrace_recordings.catalogue import OFFLINE, catalogue
 
@@ -113,6 +114,16 @@ def test_nothing_is_fetched_offline(asked, capsys, monkeypatch):
     monkeypatch.setenv(OFFLINE, "1")
     assert "found GROUNDTRACE_OFFLINE=1" in run(capsys, "recordings", "get", "there").error
     assert asked == []
+
+
+def test_what_looks_for_recordings_fetches_none(asked, capsys):
+    done(capsys, "recordings", "get", "there")
+    done(capsys, "replay", "there", "--no-viewer", "--out", "r.results.mcap")
+    results = gt.load("r.results.mcap")
+    assert results.places[-1] == gt.recordings.here["there"]
+    assert "to fetch" in gt.recordings._repr_html_()
+    done(capsys, "export", "there", "-o", "there.csv", "--kind", "signals")
+    assert asked == ["/walk.csv"]
 
 
 def test_two_at_once_fetch_once(asked, tmp_path):

@@ -160,7 +160,7 @@ REFUSALS = {
     ("room.results.mcap", "-o", "x.gpx", "--origin", "north"): "--origin: expected LATITUDE,",
     ("room.results.mcap", "-o", "x.csv", "--stage", "no"): "--stage: expected one of picks, ",
     ("walk.results.mcap", "-o", "x.qml"): "quakeml: expected something of picks, found steps, ",
-    ("nowhere.mcap", "-o", "x.csv"): "nowhere.mcap: expected results or a recording, found no ",
+    ("nowhere.mcap", "-o", "x.csv"): "nowhere.mcap: expected a recording, found no ",
     ("walk.mcap", "-o", "x.csv", "--kind", "signals"): "signals: expected one table for one file",
     ("walk.mcap", "-o", "x.csv", "--kind", "misses"): "misses: expected results with true steps",
     ("walk.mcap", "-o", "walk.mcap", "--format", "miniseed", "--force"): "found the one that is ",

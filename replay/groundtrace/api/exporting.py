@@ -24,7 +24,7 @@ from ..export.base import (
     stage_of,
 )
 from ..pipeline.results import RUN, file_sha256, read_results
-from .files import existing_file, in_folder, recording_of, unheard, writable
+from .files import in_folder, named_recording, recording_of, unheard, writable
 from .known_truth import annotations_to_show, truth_beside
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def export_file(
         report(f"warning: {trouble}")
     exporter = exporter_of(known, out, format_name)
     folder = is_folder(exporter, out)
-    existing_file(source, "results or a recording")
+    source = named_recording(source)
     _check_target(out, [source, *([recording] if recording else [])], folder=folder, force=force)
     with ExitStack() as stack:
         opened = stack.enter_context(Recording.open(source))

@@ -242,7 +242,7 @@ def derived_from(path: Path, origin: Origin) -> bool:
 def recording_of(results: Path, given: Path | None = None, report: Report = unheard) -> Path | None:
     """Return the recording of results: the one given, or one of their name and their bytes.
 
-    It is looked for beside them, in the present folder and among the bundled recordings.
+    It is looked for beside them, in the present folder and among the recordings known by name.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def recording_of(results: Path, given: Path | None = None, report: Report = unhe
             )
         return given
     name = PureWindowsPath(result.provenance.recording).name
-    places = (results.parent / name, Path(name), _bundled(name))
+    places = (results.parent / name, Path(name), _bundled(name) or _catalogued(name))
     there = list(dict.fromkeys(p for p in places if p is not None and p.is_file()))
     found = next((p for p in there if _same(p, result.provenance)), None)
     if there and found is None:
@@ -280,15 +280,20 @@ def _same(recording: Path, origin: Provenance) -> bool:
 
 def _fetched(name: str) -> Path | None:
     """Return a recording of the catalogue; nothing is fetched by a command that does not say so."""
+    path = _catalogued(f"{name}.mcap")
+    if path is not None and not path.is_file():
+        raise RecordingError(
+            f"{name}: expected a recording, found one to fetch: groundtrace recordings get {name}"
+        )
+    return path
+
+
+def _catalogued(name: str) -> Path | None:
+    """Return where a recording of the catalogue is once it was fetched, by its file name."""
     from groundtrace_recordings.catalogue import catalogue
 
-    known = catalogue().get(name)
-    if known is None or known.path.is_file():
-        return known.path if known else None
-    raise RecordingError(
-        f"{name}: expected a recording, found one to fetch ({known.bytes / 1e6:.1f} MB): "
-        f"groundtrace recordings get {name}"
-    )
+    known = catalogue().get(name.removesuffix(".mcap"))
+    return known.path if known else None
 
 
 def _bundled(name: str) -> Path | None:

@@ -374,6 +374,15 @@ class Recordings:
 
         return (*(Path(name).stem for name in bundled()), *catalogue())
 
+    @property
+    def here(self) -> dict[str, Path]:
+        """Files of those on this computer by their names: bundled, or fetched before."""
+        from groundtrace_recordings import bundled
+        from groundtrace_recordings.catalogue import catalogue
+
+        fetched = {name: each.path for name, each in catalogue().items() if each.path.is_file()}
+        return {Path(name).stem: path for name, path in bundled().items()} | fetched
+
     def get(self, name: str) -> Path:
         """Return the file of a recording; of the catalogue's, it is fetched where it is not here.
 
@@ -406,8 +415,9 @@ class Recordings:
         return f"Recordings({', '.join(self)})"
 
     def _repr_html_(self) -> str:
-        rows = [(name, str(self.get(name).stat().st_size)) for name in self]
-        return html_table("bundled recordings", ("name", "bytes"), rows)
+        here = self.here
+        rows = [(n, str(here[n].stat().st_size) if n in here else "to fetch") for n in self]
+        return html_table("recordings", ("name", "bytes"), rows, len(rows))
 
 
 recordings = Recordings()

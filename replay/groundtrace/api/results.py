@@ -77,9 +77,9 @@ class Results:
 
     @property
     def places(self) -> tuple[Path, ...]:
-        """Where the recording may be: beside the results, in this folder, or bundled."""
-        bundled = (recordings.get(name) for name in recordings)
-        there = (Path(self.recording_path.name), *(p for p in bundled if p.name == self.name))
+        """Where the recording may be: beside the results, in this folder, or known by name."""
+        known = recordings.here.values()
+        there = (Path(self.recording_path.name), *(p for p in known if p.name == self.name))
         return tuple(dict.fromkeys((self.recording_path, *there)))
 
     @cached_property
