@@ -55,12 +55,19 @@ def step_at(room: Simulation, number: int) -> int:
     return round((times[number - 1] - start_ns) / 1e9 * RATE)
 
 
+#: What real recordings have: single samples far off; a spread that was moved between its shots.
+REAL_FAULTS = {
+    "phone-hand.mcap": {"spikes"},
+    "shots.mcap": {"ends early", "late"},
+}
+
+
 @pytest.mark.parametrize("name", list(bundled()))
-def test_the_bundled_recordings_have_no_faults(
+def test_the_bundled_recordings_have_no_faults_but_those_that_are_known(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = done(capsys, "info", bundled()[name], "--json").document
-    assert document["faults"] == []
+    assert {fault["kind"] for fault in document["faults"]} == REAL_FAULTS.get(name, set())
     assert document["signals_read"]
 
 

@@ -30,7 +30,7 @@ GATE = (
     rf"(\w+) {NUMBER}{UNIT} ([<>]) {NUMBER}{UNIT} \(margin {NUMBER}\)|"
     rf"(\w+) is no number, the threshold is {NUMBER}{UNIT}"
 )
-FILTERED = r"the filter takes it out \(change the band and replay\)"
+FILTERED = r"attenuated by the filter \(change the band and replay\)"
 CHANNELS = ("G1", "G2", "G3", "G4")
 
 
@@ -62,7 +62,7 @@ class Claims:
             (r"no group of picks within (\S+) ms: ", self.nothing_within),
             (r"no channel was picked: ", self.nothing_picked),
             (r"picked on (\d+) of (\d+) channels needed(?:: |$)", self.too_few),
-            (r"nobody seems to walk: ", lambda: None),
+            (r"no walking detected: ", lambda: None),
             (rf"{FILTERED}: without it a candidate {OFF} passes every threshold "
              rf"\((\w+) {NUMBER}{UNIT}\); ", self.filtered),
             (rf"{FILTERED}: without it (\d+) channels pick it {OFF}; ", self.group_filtered),

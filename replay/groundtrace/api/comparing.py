@@ -94,7 +94,7 @@ def sweep(
     top: int = 10,
     jobs: int = 1,
 ) -> Sweep:
-    """Try many settings and say which are best, and how sure that is.
+    """Try many settings and report the best, with confidence intervals.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def sweep(
     grid
         By ``stage.parameter`` the values to try, or ``FROM:TO:COUNT``; all combinations are tried.
     random
-        Try so many random settings of those ranges instead.
+        Number of random settings of those ranges to try instead.
     seed
         Of the random settings.
     tolerance_s

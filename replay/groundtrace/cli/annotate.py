@@ -72,7 +72,7 @@ def annotate(
     author
         Annotator name; the system user name is never stored.
     edit
-        ID KIND@SECONDS: say this instead; --label, --channel and --note replace what was said,
+        ID KIND@SECONDS: change an annotation; --label, --channel and --note replace earlier values,
         without them it stays.
     delete
         ID to take away; may be given several times.

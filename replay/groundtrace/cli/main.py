@@ -74,14 +74,14 @@ COMMANDS = {
     "compare": (
         f"{HERE}.compare:compare",
         "Compare two results of one recording, decision by decision: the gate that set each "
-        "difference, the parameters that differ, and whether chance explains as much.\n\n"
+        "difference, the parameters that differ, and whether the difference is significant.\n\n"
         "Example: groundtrace compare before.results.mcap after.results.mcap",
     ),
     "sweep": (
         f"{HERE}.sweep:sweep",
-        "Try many settings of the gates, without the signal, and say which are best, how sure that "
-        "is, and what missed steps cost in false ones. Parameters of the signal path are measured "
-        "again. With several recordings each is left out in turn.\n\n"
+        "Try many settings of the gates, without the signal, and report the best with confidence "
+        "intervals, and what missed steps cost in false ones. Parameters of the signal "
+        "path are measured again. With several recordings each is left out in turn.\n\n"
         "Example: groundtrace sweep walk.results.mcap --grid steps.score=0.1:0.6:17 "
         "--grid steps.apart=0.1:0.5:19 --write best.toml --figure sweep.svg",
     ),
@@ -141,7 +141,7 @@ COMMANDS = {
     "merge": (
         f"{HERE}.merge:merge",
         "Put several recordings into one file on one clock, e.g. a seismic and an IMU recording of "
-        "the same walk: offset and drift of the clocks given, or found by the steps in both.\n\n"
+        "the same walk: offset and drift of the clocks given, or found from the steps of both.\n\n"
         "Example: groundtrace merge room.mcap walk.mcap -o both.mcap",
     ),
     "doctor": (

@@ -293,7 +293,7 @@ def _clock(found: FoundClock) -> dict[str, object]:
 
 
 def clock_lines(record: MergedClock, first: str, alignment: Alignment | None) -> list[str]:
-    """Return in words how a file's clock stands to the first one's, and how sure that is."""
+    """Return in words how a file's clock stands to the first one's, with its uncertainty."""
     lines = [record.line(first)]
     if alignment is None:
         return lines

@@ -34,7 +34,7 @@ def sweep(
     force: ForceOutputs = False,
     json: Json = False,
 ) -> None:
-    """Try many settings and say which are best, and how sure that is.
+    """Try many settings and report the best, with confidence intervals.
 
     Parameters
     ----------

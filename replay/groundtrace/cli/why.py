@@ -93,7 +93,7 @@ def why(
         The stage whose places or picks are explained; by default the last one that locates, or
         the last one that picks onsets.
     rrd
-        Write a viewer's file of every gate's values and thresholds, around the moment.
+        Write a Rerun file (.rrd) with every gate's values and thresholds, around the moment.
     spawn
         Open the viewer with the same, its cursor at the moment.
     """

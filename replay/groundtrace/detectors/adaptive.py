@@ -66,7 +66,7 @@ TRUNK = frozenset({"waist", "trunk"})
 #: judgement: weak on purpose, no short walk is lost (docs/steps.md, "What it does not reach").
 _TRUNK_SCALES = (Scale(4.0, 2),)
 #: Windows [s] and how many of them must agree: a hand or a pocket must keep its rhythm for longer
-#: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "What was chosen on what").
+#: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "Data used for tuning").
 _OTHER_SCALES = (Scale(8.0, 2), Scale(12.0, 3))
 #: What averages, bands and looks ahead at a step reach beyond the rhythm together [s]. Source:
 #: definitions: 2.5 for gravity, 0.5 to 1.4 for the grid, 1.6 for the band; rounded up.

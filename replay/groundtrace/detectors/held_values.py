@@ -384,7 +384,7 @@ def _dropouts(stream: Stream, channel: Channel, tally: FaultSpans, heard: int) -
         "dropouts",
         tally,
         heard,
-        f"stands still inside its signal {times(tally.events)}, {longest}",
+        f"is stuck at one value {times(tally.events)}, {longest}",
         "what lies there is missed, and its edges may look like onsets",
         "look at the connection and at packets lost",
     )

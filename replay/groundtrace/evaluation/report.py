@@ -72,7 +72,7 @@ class ResultEvents:
     steps
         Of the last stage that finds steps.
     picks
-        By topic, of the last stage that picks: it has the last word.
+        By topic, of the last stage that picks, which is the one reported.
     fixes
         Of all stages, so that localisers side by side can be compared.
     points

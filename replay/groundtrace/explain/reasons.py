@@ -577,7 +577,7 @@ CAUSES = (
 )
 
 
-FILTERED = "the filter takes it out (change the band and replay)"
+FILTERED = "attenuated by the filter (change the band and replay)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -849,7 +849,7 @@ def _verdict(
     if not part.spec.trace:  # a group of picks: say what its channels lack
         return _lacking(evidence, part, row, first, time_ns, reach)
     if first.gate == "activity":
-        return "walking", f"nobody seems to walk: {below(first)}", ()
+        return "walking", f"no walking detected: {below(first)}", ()
     channel = 0
     hint = silence(part, channel, time_ns - reach, time_ns + reach)
     if hint.cause in {"clipped", "dead"} and len(part.spec.channels) == 1:

@@ -697,7 +697,7 @@ class Ranking:
 
 
 def rank(counted: Counted, top: int = 10, jobs: int = 1) -> Ranking:
-    """Say which settings are best, and how sure that is.
+    """Report the best settings, with confidence intervals.
 
     Parameters
     ----------

@@ -278,7 +278,7 @@ class ReckoningFilter:
     place
         Where the walk begins, shape (2,) [m].
     sigma_m
-        How sure that is, per axis [m].
+        Its standard deviation, per axis [m].
     learns_scale
         Whether known places calibrate the lengths.
     """

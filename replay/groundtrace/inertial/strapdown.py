@@ -372,7 +372,7 @@ class SegmentRun(Sequence[Segment]):
 #: with steps on both sides so many times those of a smooth top. Chosen by those who asked for it
 #: (1.5 %, 3 samples), and as of a limit near full scale (detectors/clipping.py).
 WITHIN, SHORTEST, CORNER = 0.015, 3, 3.0
-#: What is made good of the turn that it missed there, and how sure that is, both as parts of it.
+#: What is made good of the turn that it missed there, and its deviation, both as parts of it.
 #: Chosen by judgement: the flanks tell about how high it went, and no more.
 MISSED_PART, MISSED_SIGMA = 1.0, 1.0
 

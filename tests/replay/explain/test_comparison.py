@@ -1,4 +1,4 @@
-"""Comparison: every decision in its class, what set them apart, and whether chance explains it."""
+"""Comparison: every decision in its class, what set them apart, and the significance of that."""
 
 from __future__ import annotations
 

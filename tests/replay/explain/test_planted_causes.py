@@ -128,7 +128,7 @@ def test_five_causes_planted_in_a_room_are_named(
     assert "G3 is dead" in reason(9)["text"]
     assert reason(12, 0.168)["cause"] == "refractory"
     assert reason(15)["cause"] == "filter"
-    assert "the filter takes it out" in reason(15)["text"]
+    assert "attenuated by the filter" in reason(15)["text"]
 
 
 def test_the_closed_walking_gate_is_named(

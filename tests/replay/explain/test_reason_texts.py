@@ -213,7 +213,7 @@ UNTRUE = (
     ((2.05,), "its detection at 2.050 s answers step 1"),
     ((3.0,), "no candidate within 120 ms: the signal never rose above the floor: height reached "
              "0.01 m/s2, floor 0.05 m/s2; the nearest candidate comes 1000 ms early"),
-    ((), "the filter takes it out: peak amplitude 3 m/s2 at 31 dB over noise as recorded, 9 dB "
+    ((), "attenuated by the filter: peak amplitude 3 m/s2 at 31 dB over noise as recorded, 9 dB "
          "after the filter (change the band and replay)"),
     ((), "no candidate: the signal never rose above the floor: peak amplitude 3.2 m/s2 at 20 dB "
          "over noise, height reached 0.779"),

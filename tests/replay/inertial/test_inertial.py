@@ -1,4 +1,4 @@
-"""Zero-velocity-updated inertial navigation on made-up feet whose places are known."""
+"""Zero-velocity-updated inertial navigation on simulated foot IMUs with known positions."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def test_a_course_is_dashed_from_its_first_place_on_and_the_vehicle_moves(tmp_pa
         name: read_back(path, f"{COURSES}/{name}/1/course", "LineStrips2D:radii")[1][0][0]
         for name in ("curve", "course")
     }
-    assert abs(widths["course"]) > abs(widths["curve"]), "the last stage has the last word"
+    assert abs(widths["course"]) > abs(widths["curve"]), "the last stage is the one reported"
     _, states = read_back(path, "/state/6-course", STATES)
     assert [s for [s] in states] == ["V1 10.0 m/s", ""]
 

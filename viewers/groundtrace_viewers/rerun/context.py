@@ -52,7 +52,7 @@ class LogLines:
 
 
 class Stages:
-    """The stages that were announced: the last one of a kind has the last word on its topic."""
+    """The stages that were announced: the last one of a kind is the one reported for its topic."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, str], StageSpec] = {}
@@ -72,7 +72,7 @@ class Stages:
         return self._last.get((kind, topic))
 
     def decides(self, kind: str, event: Pick | StepEvent) -> bool:
-        """Whether an event is of the stage that has the last word on its kind and topic."""
+        """Whether an event is of the stage that is reported for its kind and topic."""
         last = self.last(kind, event.topic)
         return last is None or last.stage == event.stage
 

@@ -148,7 +148,7 @@ class PageMoments:
     channels
         Names of the channels that can be picked.
     steps
-        Name of the stage that has the last word on steps; empty where none has.
+        Name of the stage whose steps are reported; empty where none has.
     truth
         True where there is truth to tell wrong decisions by.
     events, misses
@@ -314,7 +314,7 @@ def _order(moment: PageMoment) -> tuple[float, str, str]:
 
 
 def _last_stage(evidence: Evidence) -> str:
-    """Return the stage that has the last word on steps."""
+    """Return the stage whose steps are reported."""
     names = [part.spec.stage for part in evidence.stages if part.spec.emits == "step"]
     return names[-1] if names else ""
 

@@ -725,7 +725,7 @@ class StepDetails(View):
         self._picks.append(pick)
 
     def step(self, step: StepEvent) -> None:
-        """Take a step of the stage that has the last word."""
+        """Take a step of the stage that is reported."""
         if self._context.stages.decides("step", step):
             self._due.append(PendingStep(step.time_ns, step.topic))
 
@@ -761,7 +761,7 @@ class StepDetails(View):
             self._stations[due.topic].step(due.time_ns, picks)
 
     def _picks_of(self, due: PendingStep) -> list[Pick]:
-        """Return the arrivals of a step, of the stage that has the last word on them."""
+        """Return the arrivals of a step, of the stage that is reported."""
         while self._picks and self._picks[0].time_ns < due.time_ns - LATE_NS:
             self._picks.popleft()
         first_ns, end_ns = due.time_ns, due.time_ns + round(self._window_s * NS_PER_S)

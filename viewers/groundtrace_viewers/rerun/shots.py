@@ -196,7 +196,7 @@ class ShotViews(View):
         return self._shots[after] if soon else None
 
     def pick(self, pick: Pick) -> None:
-        """Take a pick of the stage that has the last word on them."""
+        """Take a pick of the stage that is reported."""
         if not self._context.stages.decides("pick", pick):
             return
         shot = self._at(pick.time_ns)

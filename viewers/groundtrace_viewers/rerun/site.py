@@ -251,7 +251,7 @@ class SensorMap(View):
         return self._bounds
 
     def pick(self, pick: Pick) -> None:
-        """Take the arrival of a wave at a sensor, of the stage that has the last word on them."""
+        """Take the arrival of a wave at a sensor, of the stage that is reported."""
         if pick.channel in self._place and self._stages.decides("pick", pick):
             self._arrivals.append((pick.time_ns, pick.channel))
 

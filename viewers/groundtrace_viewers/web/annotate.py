@@ -64,7 +64,7 @@ def serve(
 
     Where ``groundtrace replay`` left its timeline beside the results, that is shown; else the
     recording is replayed while the page shows it, in a folder that goes when the server ends. Marks
-    are on the disk before a page hears that they are kept.
+    are saved before the page confirms it.
 
     Parameters
     ----------
