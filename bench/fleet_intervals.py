@@ -5,8 +5,9 @@
 Fleets are drawn by laws of which the truth is known: people differ in what a change does to them,
 the recordings of one are alike, and some have many more than others. The figure is the recall of
 all steps together; on average nothing changed. Each interval claims to hold nine of ten. Rivals:
-recordings drawn as if each were of another person, groups drawn with the plain percentile interval,
-and Student's t of the people's mean changes.
+the same of recordings as if each were of another person, groups drawn with replacement, with the
+plain and the expanded percentile interval, and Student's t of the people's mean changes, which is
+the interval of another figure: each person counts once, whatever the number of their steps.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ import argparse
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import norm
 from scipy.stats import t as student
 
-from groundtrace.explain.reasons import ENDS, RECORDING_DRAWS, RatioOfSums, bootstrap_recordings
+from groundtrace.explain.reasons import ENDS, RatioOfSums, interval_of_change
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,6 +39,7 @@ PEOPLE = (6, 8, 12, 20, 40)
 #: Deviation of people's changes of recall, and of recordings beside it.
 OF_PEOPLE, OF_RECORDINGS = 0.03, 0.02
 STEPS = 100
+DRAWS = 2000
 
 
 def fleet(rng: np.random.Generator, law: str, people: int) -> Pair:
@@ -50,30 +53,41 @@ def fleet(rng: np.random.Generator, law: str, people: int) -> Pair:
 
 
 def ours(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> tuple[float, float]:
-    """Return the interval of the report, with whole groups drawn."""
-    found = bootstrap_recordings(before.by_group(of), after.by_group(of))
-    assert found is not None
-    return found.low, found.high
+    """Return the interval of the report, of whole groups."""
+    return by_recording(before.by_group(of), after.by_group(of), of)
 
 
 def by_recording(
     before: RatioOfSums, after: RatioOfSums, _: NDArray[np.intp]
 ) -> tuple[float, float]:
     """Return the interval of the report without groups."""
-    found = bootstrap_recordings(before, after)
+    found = interval_of_change(before, after)
     assert found is not None
     return found.low, found.high
+
+
+def _draws(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> tuple[Array, int]:
+    """Return the change of each draw of whole groups, and how many groups there are."""
+    first, last = before.by_group(of), after.by_group(of)
+    n = len(first.top)
+    times = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), DRAWS)
+    changes = times @ last.top / (times @ last.bottom) - times @ first.top / (times @ first.bottom)
+    return changes, n
 
 
 def percentile(
     before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]
 ) -> tuple[float, float]:
     """Return the plain percentile interval, with whole groups drawn."""
-    first, last = before.by_group(of), after.by_group(of)
-    n = len(first.top)
-    times = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), RECORDING_DRAWS)
-    changes = times @ last.top / (times @ last.bottom) - times @ first.top / (times @ first.bottom)
-    low, high = np.percentile(changes, ENDS)
+    low, high = np.percentile(_draws(before, after, of)[0], ENDS)
+    return float(low), float(high)
+
+
+def expanded(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> tuple[float, float]:
+    """Return the expanded percentile interval (Hesterberg 2015, The American Statistician 69)."""
+    changes, n = _draws(before, after, of)
+    tail = 100 * norm.cdf(np.sqrt(n / (n - 1)) * student.ppf(ENDS[0] / 100, n - 1))
+    low, high = np.percentile(changes, [tail, 100 - tail])
     return float(low), float(high)
 
 
@@ -87,10 +101,11 @@ def of_means(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> t
 
 
 WAYS = {
-    "groups, expanded (the report)": ours,
-    "groups, percentile": percentile,
+    "groups left out in turn (the report)": ours,
+    "groups drawn, expanded percentile": expanded,
+    "groups drawn, percentile": percentile,
+    "Student's t of groups' mean changes": of_means,
     "recordings (the report without groups)": by_recording,
-    "Student's t of people": of_means,
 }
 
 

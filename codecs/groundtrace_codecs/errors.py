@@ -14,6 +14,8 @@ Every message reads "FILE: PLACE: expected X, found Y"; the command line prints 
 
 from __future__ import annotations
 
+import errno
+import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -47,7 +49,7 @@ class SchemaError(CodecError):
 
 
 class NoRoomError(CodecError):
-    """The disk does not take what is written.
+    """The system does not take what is written.
 
     Parameters
     ----------
@@ -60,8 +62,27 @@ class NoRoomError(CodecError):
     """
 
     def __init__(self, path: Path, reason: str | None, kept: str = "") -> None:
-        super().__init__(f"{path}: expected room to write, found: {reason}{kept}")
+        super().__init__(f"{path}: {not_written(reason)}{kept}")
         self.reason = reason
+
+
+#: What the system says where it does not let a file be written: on Windows also where another
+#: program has it open.
+_REFUSED = {os.strerror(number) for number in (errno.EACCES, errno.EPERM)}
+
+
+def not_written(reason: str | None) -> str:
+    """Return what was expected of a place to write to, and what the system says instead.
+
+    Parameters
+    ----------
+    reason
+        What it says.
+    """
+    if reason in _REFUSED:
+        refused = f"expected a file that can be written or replaced, found: {reason}"
+        return f"{refused} (is it open in another program, or another user's?)"
+    return f"expected room to write, found: {reason}"
 
 
 class MissingReaderError(CodecError):

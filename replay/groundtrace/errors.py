@@ -24,7 +24,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.errors import Error
+from groundtrace_codecs.errors import Error, not_written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -93,7 +93,7 @@ class OutputError(GroundtraceError):
     """
 
     def __init__(self, path: Path, reason: str | None) -> None:
-        super().__init__(f"{path}: expected room to write, found: {reason}")
+        super().__init__(f"{path}: {not_written(reason)}")
         self.reason = reason
 
 

@@ -276,8 +276,6 @@ def bag_without_end(path: Path) -> Path:
         (hdf5_of_raw_bytes_elsewhere, "a.h5: /data: expected data in the file itself, found"),
         (hdf5_virtual, "a.h5: /data: expected data in the file itself, found data of other files"),
         (hdf5_of_one_text_many_times, "a.h5: /data: expected at most 33554432 bytes of texts"),
-        (matlab_of_zeros, "a.mat: expected at most 97"),
-        (matlab_of_small_numbers, "a.mat: expected at most 33554432 uncompressed bytes of"),
         (matlab_of_cells, "a.mat: expected at most 33554432 uncompressed bytes of"),
         (table_of_one_line, "a.csv: line 3: expected less than 1048576 characters, found more"),
         (table_of_columns, "a.csv: line 1: expected less than 1048576 characters, found more"),
@@ -303,10 +301,14 @@ def test_a_small_file_of_another_tool_takes_little_memory_and_is_told(
     assert found in said
 
 
+@pytest.mark.parametrize(
+    ("make", "form"),
+    [(npz_of_zeros, "npz"), (matlab_of_zeros, "mat"), (matlab_of_small_numbers, "mat")],
+)
 def test_what_can_be_so_long_is_imported_in_little_memory(
-    tmp_path: Path,
+    make: Callable[[Path], Path], form: str, tmp_path: Path
 ) -> None:
-    small, out, map_ = npz_of_zeros(tmp_path), tmp_path / "out.mcap", tmp_path / "map.toml"
-    map_.write_text(ARCHIVE_MAP.format(form="npz", column="data"))
+    small, out, map_ = make(tmp_path), tmp_path / "out.mcap", tmp_path / "map.toml"
+    map_.write_text(ARCHIVE_MAP.format(form=form, column="data"))
     assert held(["import", small, "-o", out, "--map", map_]) < MOST_BYTES / 3
     assert out.exists()

@@ -64,3 +64,19 @@ def test_an_output_is_replaced_when_nothing_has_it_open(
     ran = run(capsys, *OUTPUTS[out], out, "--force")
     assert ran.code in (0, 3), ran.err
     assert Path(out).is_dir() or Path(out).read_bytes() != b"mine"
+
+
+@pytest.mark.usefixtures("_in_place")
+def test_a_table_that_another_program_has_open_is_named_as_such(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("steps.csv").write_text("mine", "utf-8")
+    monkeypatch.setattr(os, "replace", as_windows(os.replace))
+    monkeypatch.setattr(Path, "replace", as_windows(Path.replace))
+    with Path("steps.csv").open("r+"):
+        ran = run(capsys, *OUTPUTS["steps.csv"], "steps.csv", "--force")
+    assert ran.code == 1
+    assert "steps.csv: expected a file that can be written or replaced, found: Perm" in ran.err
+    assert "is it open in another program" in ran.err
+    assert "room to write" not in ran.err
+    assert Path("steps.csv").read_text("utf-8") == "mine"

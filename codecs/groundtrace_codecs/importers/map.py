@@ -54,7 +54,7 @@ from .base import (
     Timing,
     TruthMap,
 )
-from .stored import Column, Computed, StoredArray, pieces, steps
+from .stored import Column, Computed, StoredArray, picked, pieces, stacked, steps
 from .time import check_time, leap_seconds, parse_start, timestamps, zone_of
 
 if TYPE_CHECKING:
@@ -324,7 +324,7 @@ def sample_format(samples: Column) -> tuple[str, Column]:
 def _whole_format(samples: Column) -> str:
     """Return the smallest format of whole numbers that all samples fit, if they are such."""
     lowest, highest, seen = 0.0, 0.0, False
-    for rows in pieces(len(samples)):
+    for rows in pieces(len(samples), samples[:1].size or 1):
         part = samples[rows]
         if part.dtype.kind == "f" and not (np.isfinite(part) & (np.rint(part) == part)).all():
             return ""
@@ -339,7 +339,7 @@ def _whole_format(samples: Column) -> str:
 
 
 def _real_format(samples: Column) -> str:
-    for rows in pieces(len(samples)):
+    for rows in pieces(len(samples), samples[:1].size or 1):
         part = samples[rows].astype(np.float64)
         with np.errstate(over="ignore"):  # what does not fit is kept as it is
             single = part.astype(np.float32)
@@ -389,7 +389,7 @@ def _read_stream(table: Table, map_: ImportMap, stream: StreamMap) -> _Read:
             f"{table.name}: {stream.topic}: expected columns of one length, found {lengths}"
         )
     count = lengths[0]
-    samples = Computed(count, lambda rows: np.stack([c[rows] for c in columns], axis=1))
+    samples = stacked(columns)
     own = stream.time is not None or stream.rate_hz is not None
     time, rate_hz = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
     times_ns: Column | None = None
@@ -430,21 +430,7 @@ def _by_counter(
             + ("told by the times only" if host_ns is not None else "not known")
         )
     said = (f"counter {counter.column}: {found.line()}", text)
-    return _Read(stream, timing, _picked(samples, found.rows), rows, tuple(warnings), said)
-
-
-def _picked(samples: Column, rows: NDArray[np.intp]) -> Column:
-    """Return some rows of a column; those of a piece lie near each other."""
-
-    def picked(piece: slice) -> NDArray[Any]:
-        wanted = rows[piece]
-        if not len(wanted):
-            return samples[0:0]
-        low = int(wanted.min())
-        found: NDArray[Any] = samples[low : int(wanted.max()) + 1][wanted - low]
-        return found
-
-    return Computed(len(rows), picked)
+    return _Read(stream, timing, picked(samples, found.rows), rows, tuple(warnings), said)
 
 
 def _times(
@@ -545,7 +531,11 @@ class Sampled:
     placement: str
     channels: tuple[Channel, ...]
     times_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    values: Column
+
+    def only(self, kept: NDArray[np.intp]) -> Sampled:
+        """Return some of the samples, by their numbers, in that order."""
+        return replace(self, times_ns=self.times_ns[kept], values=picked(self.values, kept))
 
 
 def in_order(sampled: Sampled) -> tuple[Sampled, tuple[str, ...]]:
@@ -555,7 +545,7 @@ def in_order(sampled: Sampled) -> tuple[Sampled, tuple[str, ...]]:
     which the order of the file tells. Of samples with one time and the same values one is kept;
     with other values all are, for which is right is not known here.
     """
-    times, values = sampled.times_ns, sampled.values
+    times = sampled.times_ns
     set_back = set_backs(times)
     remarks = [f"{sampled.topic}: {line}" for line in base.set_back_lines(set_back)]
     on = times + base.earlier_by(set_back, slice(0, len(times)))
@@ -565,19 +555,27 @@ def in_order(sampled: Sampled) -> tuple[Sampled, tuple[str, ...]]:
         remarks.append(
             f"{sampled.topic}: {late} times go back, by up to {worst_s:g} s: sorted by time"
         )
-        order = np.argsort(on, kind="stable")
-        times, values = times[order], values[order]
-    same = np.diff(times) == 0
+        sampled = sampled.only(np.argsort(on, kind="stable"))
+    same = np.diff(sampled.times_ns, prepend=sampled.times_ns[0] - 1) == 0
     if same.any():
-        alike = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-        copies = same & alike.all(axis=1)
-        kept = np.concatenate(([True], ~copies))
-        times, values = times[kept], values[kept]
+        copies = _copies(sampled.values, same)
+        sampled = sampled.only(np.flatnonzero(~copies)) if copies.any() else sampled
         if copies.any():
             remarks.append(f"{sampled.topic}: {int(copies.sum())} samples come twice: one kept")
         if others := int(same.sum() - copies.sum()):
             remarks.append(f"{sampled.topic}: {others} samples are not later than the one before")
-    return replace(sampled, times_ns=times, values=values), tuple(remarks)
+    return sampled, tuple(remarks)
+
+
+def _copies(values: Column, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the samples with the time of the one before have its values as well."""
+    copies = np.zeros(len(same), np.bool_)
+    for rows in pieces(len(same)):
+        if same[rows].any():
+            found = values[max(0, rows.start - 1) : rows.stop]
+            alike = (found[1:] == found[:-1]) | (np.isnan(found[1:]) & np.isnan(found[:-1]))
+            copies[rows.stop - len(alike) : rows.stop] = alike.all(axis=1)
+    return copies & same
 
 
 def together(

@@ -26,6 +26,7 @@ import io
 import re
 import zipfile
 import zlib
+from array import array
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -35,10 +36,10 @@ import numpy as np
 from ..errors import FormatError, SchemaError
 from ..events import Label
 from ..geometry import Geometry
-from ..signals import NS_PER_S, Channel, Stream, to_quantity
-from . import base
+from ..signals import NS_PER_S, Channel, to_quantity
 from .base import ColumnMap, Imported, ImportMap, StreamMap, TimeMap
-from .map import MAX_NS, TIME_UNITS_NS, Sampled, sample_format, together
+from .map import MAX_NS, TIME_UNITS_NS, Sampled, together
+from .stored import PIECE, Computed, Spool, pieces, stacked
 from .tables import TextTable, check_member
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .base import Source, TimeUnit
+    from .base import TimeUnit
+    from .stored import Column
     from .tables import TextFile
 
 #: Files that say more about those beside them, by the folder they are in.
@@ -280,19 +282,22 @@ def sampled(
         return None
     table = TextTable.load(file.file, _map(file, columns, time, unit))
     times = table.times_ns(TimeMap(time, unit))[:]
+    numbers = [table.numbers(c.column) for c in columns]
     if np.abs(times).max() > MAX_NS:
         raise SchemaError(f"{file.name}: {time}: expected times, found {times.max()} ns")
     factors = [to_quantity(c.quantity, c.unit) for c in columns]
-    values = np.stack([table.numbers(c.column)[:] for c in columns], axis=1)
-    values = values * np.array([factor for _, factor in factors])
+    scales = np.array([factor for _, factor in factors])
+    beside = stacked(numbers)
+    values = Computed(len(times), lambda rows: beside[rows] * scales)
     channels = tuple(
         Channel(_name(c), c.quantity, si, c.axis)
         for c, (si, _) in zip(columns, factors, strict=True)
     )
-    there: NDArray[np.bool_] = ~np.isnan(values).all(axis=1)
-    if not there.any():
-        return None
-    return Sampled(topic, PLACEMENT, channels, times[there], values[there])
+    found = Sampled(topic, PLACEMENT, channels, times, values)
+    there = np.concatenate([~np.isnan(values[rows]).all(axis=1) for rows in pieces(len(times))])
+    if there.all():
+        return found
+    return found.only(np.flatnonzero(there)) if there.any() else None
 
 
 def _name(column: Wanted) -> str:
@@ -548,7 +553,9 @@ def _acceleration(
         and gravity is not None
         and np.array_equal(linear.times_ns, gravity.times_ns)
     ):
-        summed = replace(linear, values=linear.values + gravity.values)
+        both = (linear.values, gravity.values)
+        values = Computed(len(linear.times_ns), lambda rows: both[0][rows] + both[1][rows])
+        summed = replace(linear, values=values)
         return _turned(summed, sign), ("acceleration is Accelerometer.csv plus Gravity.csv",)
     raw = _columns(
         tables, "AccelerometerUncalibrated", _axes("acceleration", "g" if sign < 0 else "m/s2")
@@ -562,7 +569,8 @@ def _acceleration(
 
 
 def _turned(found: Sampled, sign: float) -> Sampled:
-    return replace(found, values=found.values * sign)
+    values = found.values
+    return replace(found, values=Computed(len(values), lambda rows: values[rows] * sign))
 
 
 def _notes(file: AppFile | None) -> tuple[Label, ...]:
@@ -584,8 +592,6 @@ SENSORS = {
 WAYPOINT = "TYPE_WAYPOINT"
 _VALUES = {**dict.fromkeys(SENSORS, 3), WAYPOINT: 2}
 _START = b"#\tstartTime:"
-
-Row = tuple[int, tuple[float, ...]]
 
 
 class IndoorLocationImporter:
@@ -612,26 +618,53 @@ class IndoorLocationImporter:
         path = paths[0]
         if map_ is not None or len(paths) != 1:
             raise SchemaError(f"{path.name}: expected one trace and no map, found others")
-        rows: dict[str, list[Row]] = {kind: [] for kind in _VALUES}
-        for kind, row in _rows(path):
-            rows[kind].append(row)
-        if len(rows["TYPE_ACCELEROMETER"]) < 2:
+        found = {kind: _Rows(count) for kind, count in _VALUES.items()}
+        for kind, time_ns, values in _rows(path):
+            found[kind].add(time_ns, values)
+        if len(found["TYPE_ACCELEROMETER"]) < 2:
             raise FormatError(f"{path.name}: expected TYPE_ACCELEROMETER lines, found none")
-        found = {kind: sorted(rows[kind]) for kind in SENSORS if len(rows[kind]) > 1}
+        points = found.pop(WAYPOINT).columns()
+        moments = points[0].tolist(), points[1][:].tolist()
         labels = tuple(
-            Label(time_ns, "waypoint", x_m=x, y_m=y) for time_ns, (x, y) in sorted(rows[WAYPOINT])
+            Label(time_ns, "waypoint", x_m=x, y_m=y)
+            for time_ns, (x, y) in sorted(zip(*moments, strict=True))
         )
         first = [(label.x_m, label.y_m) for label in labels[:1]]
         start = next(((x, y) for x, y in first if x is not None and y is not None), None)
-        return Imported(
-            sources=tuple(_source(path.name, kind, each) for kind, each in found.items()),
-            start_ns=min(each[0][0] for each in found.values()),
+        return together(
+            [_sensor(path.name, kind, rows) for kind, rows in found.items() if len(rows) > 1],
             geometry=None if start is None else Geometry(start=start),
             labels=labels,
         )
 
 
-def _rows(path: Path) -> Iterator[tuple[str, Row]]:
+class _Rows:
+    """Times [ns] and values of the lines of one type, the values in a temporary file."""
+
+    def __init__(self, values: int) -> None:
+        self._times, self._values, self._spool = array("q"), array("d"), Spool(float, (values,))
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def add(self, time_ns: int, values: Sequence[float]) -> None:
+        """Add a line."""
+        self._times.append(time_ns)
+        self._values.extend(values)
+        if len(self._values) >= PIECE:
+            self._flush()
+
+    def _flush(self) -> None:
+        self._spool.write(memoryview(self._values).cast("B"))
+        self._values = array("d")
+
+    def columns(self) -> tuple[NDArray[np.int64], Column]:
+        """Return the n times [ns] and the values, shape (n, n_values)."""
+        self._flush()
+        return np.array(self._times, np.int64), self._spool
+
+
+def _rows(path: Path) -> Iterator[tuple[str, int, tuple[float, ...]]]:
     """Yield type, time [ns] and values of the lines that count.
 
     Traces exist in which a line break between two events is missing: what follows the values of
@@ -658,19 +691,16 @@ def _rows(path: Path) -> Iterator[tuple[str, Row]]:
                 raise FormatError(
                     f"{path.name}: line {number}: expected {count} values, found {len(values)}"
                 )
-            yield cells[1], (time_ns, values)
+            yield cells[1], time_ns, values
 
 
-def _source(name: str, kind: str, rows: Sequence[Row]) -> Source:
-    """Return the stream of one sensor."""
+def _sensor(name: str, kind: str, rows: _Rows) -> Sampled:
+    """Return the samples of one sensor."""
     topic, quantity, unit = SENSORS[kind]
-    times = np.array([time_ns for time_ns, _ in rows], np.int64)
-    if times[-1] <= times[0]:
+    times, values = rows.columns()
+    if np.ptp(times) == 0:
         raise FormatError(f"{name}: {kind}: expected times that go on, found one")
-    timing = base.fit(times)
     si, factor = to_quantity(quantity, unit)
     channels = tuple(Channel(f"{quantity}_{axis}", quantity, si, axis) for axis in "xyz")
-    stream = Stream(topic, channels, timing.rate_hz, "phone", timing.index is None)
-    values = np.array([values for _, values in rows]) * factor
-    form, samples = sample_format(values)
-    return stream, form, timing.blocks(stream, samples)
+    scaled = Computed(len(times), lambda piece: values[piece] * factor)
+    return Sampled(topic, PLACEMENT, channels, times, scaled)

@@ -27,6 +27,7 @@ from ..recording import Recording, nominal_reader
 from ..schemas.ros2 import in_range, parse_ros2msg
 from ..unpacking import most_unpacked, too_much
 from .map import Sampled, together
+from .stored import Computed, Spool
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -114,7 +115,7 @@ class _Found:
     ``positions`` are topics that messages of unknown type are taken to give positions on.
     """
 
-    samples: dict[str, list[SignalBlock]] = field(default_factory=dict)
+    samples: dict[str, _Topic] = field(default_factory=dict)
     others: set[str] = field(default_factory=set)
     remarks: list[str] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
@@ -123,41 +124,71 @@ class _Found:
 
     def take(self, blocks: Iterable[SignalBlock]) -> None:
         for block in blocks:
-            self.samples.setdefault(block.topic, []).append(block)
+            if block.topic not in self.samples:
+                self.samples[block.topic] = _Topic(block.stream)
+            self.samples[block.topic].add(block)
 
     def drop_no_positions(self) -> None:
         """Leave out what cannot be positions in degrees after all."""
         for topic in self.positions & self.samples.keys():
-            if not all(in_range(block.samples) for block in self.samples[topic]):
+            if not self.samples[topic].in_range:
                 del self.samples[topic]
                 self.remarks = [x for x in self.remarks if not x.startswith(f"{topic}: the ")]
                 self.others.add(f"{topic} (latitude and longitude beyond 90 and 180 degrees)")
 
     def sampled(self, topic: str) -> Sampled:
-        blocks = self.samples[topic]
-        stream: Stream = blocks[0].stream
-        if any(b.stream.channels != stream.channels for b in blocks):
-            raise SchemaError(f"{topic}: expected messages of one kind, found several")
-        values = np.concatenate([b.samples for b in blocks]).astype(np.float64)
-        kept = self._heard(stream, values)
+        found = self.samples[topic]
+        kept = list(range(len(found.stream.channels)))
+        if silent := found.silent():
+            self.remarks.append(f"{topic}: {silent} is zero throughout: left out")
+            kept = found.stream.columns_of(set(_IMU) - {silent})
+        values = found.values
         return Sampled(
             topic,
-            stream.placement,
-            stream.select(kept).channels,
-            np.concatenate([b.sample_times() for b in blocks]),
-            values[:, kept],
+            found.stream.placement,
+            found.stream.select(kept).channels,
+            np.concatenate(found.times_ns),
+            Computed(len(values), lambda rows: values[rows][:, kept]),
         )
 
-    def _heard(self, stream: Stream, values: NDArray[np.float64]) -> list[int]:
-        """Return the columns but those of a sensor an Imu does not have: it leaves them zero."""
-        columns = list(range(len(stream.channels)))
-        if stream.columns_of(set(_IMU)) != columns:
-            return columns
-        silent = [q for q in _IMU if not np.nan_to_num(values[:, stream.columns_of({q})]).any()]
-        if len(silent) != 1:
-            return columns
-        self.remarks.append(f"{stream.topic}: {silent[0]} is zero throughout: left out")
-        return stream.columns_of(set(_IMU) - set(silent))
+
+class _Topic:
+    """The messages of one topic: their times in memory, their values in a temporary file.
+
+    Attributes
+    ----------
+    stream
+        What they are.
+    times_ns, values
+        Times of the samples of each block [ns], and the values, shape (n, n_channels).
+    in_range
+        False where one cannot be a position in degrees.
+    """
+
+    def __init__(self, stream: Stream) -> None:
+        count = len(stream.channels)
+        self.stream, self.values = stream, Spool(np.float64, (count,))
+        self.times_ns: list[NDArray[np.int64]] = []
+        self.in_range = True
+        self._heard = np.zeros(count, np.bool_)
+
+    def add(self, block: SignalBlock) -> None:
+        """Take what follows."""
+        if block.stream.channels != self.stream.channels:
+            raise SchemaError(f"{block.topic}: expected messages of one kind, found several")
+        samples = block.samples.astype(np.float64)
+        self.values.write(samples)
+        self.times_ns.append(block.sample_times())
+        self.in_range = self.in_range and in_range(block.samples)
+        self._heard |= np.nan_to_num(samples).any(axis=0)
+
+    def silent(self) -> str:
+        """Return the quantity of a sensor an Imu does not have: it leaves it zero; else nothing."""
+        columns = {quantity: self.stream.columns_of({quantity}) for quantity in _IMU}
+        if self.stream.columns_of(set(_IMU)) != list(range(len(self.stream.channels))):
+            return ""
+        silent = [q for q, of in columns.items() if not self._heard[of].any()]
+        return silent[0] if len(silent) == 1 else ""
 
 
 def _read_mcap(path: Path, found: _Found) -> None:

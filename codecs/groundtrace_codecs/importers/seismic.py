@@ -19,14 +19,16 @@ import io
 import math
 import re
 import struct
+import sys
 import warnings
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import FormatError, MissingReaderError, SchemaError
+from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
 from ..events import TRIGGER, Label
 from ..geometry import ORIGIN, Geometry, Sensor, metres_per_radian
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_si
@@ -49,6 +51,8 @@ _SUFFIXES = frozenset(
     {".sg2", ".seg2", ".mseed", ".miniseed", ".ms", ".sac", ".sgy", ".segy", ".su", ".gse2"}
 )
 _SEG2 = (b"\x55\x3a", b"\x3a\x55")
+#: The same with the number of the one revision.
+_SEG2_STARTS = (b"\x55\x3a\x01\x00", b"\x3a\x55\x00\x01")
 #: Metres per unit of coordinates, as the header names it.
 _LENGTHS_M = {"METERS": 1.0, "FEET": 0.3048, "CENTIMETERS": 0.01, "INCHES": 0.0254}
 #: First bytes of GSE 2.x and 1.0 waveforms, of TSPAIR and SLIST, of Seismic Handler, of K-NET.
@@ -112,12 +116,12 @@ class SeismicImporter:
             raise FormatError(
                 f"{paths[0].name}: expected files with samples, found StationXML only"
             )
-        read, lost = [], []
+        read, lost, spool = [], [], Spool(np.uint8)
         for path in waves:
-            traces, said = _read(path)
+            traces, said = _read(path, spool)
             read.append((path, traces))
             lost += said
-        formats = {str(trace.stats._format) for _, traces in read for trace in traces}
+        formats = {trace.form for _, traces in read for trace in traces}
         if "SEG2" in formats:
             if formats != {"SEG2"} or described:
                 others = [*sorted(formats), *(["STATIONXML"] if described else [])]
@@ -170,12 +174,12 @@ def _is_su(head: bytes, size: int) -> bool:
 
 
 def _stations(
-    waves: Sequence[Path], described: Sequence[Path], traces: Sequence[Any]
+    waves: Sequence[Path], described: Sequence[Path], traces: Sequence[Segment]
 ) -> tuple[Stations | None, tuple[str, ...]]:
     """Return the metadata given, or the only one beside the files, and what to say about it."""
     if described:
         return load_stations(described), ()
-    found = matching_station_files(waves, {trace.stats.station for trace in traces} - {""})
+    found = matching_station_files(waves, {trace.codes[1] for trace in traces} - {""})
     if not found:
         return None, ()
     if len(found) == 1:
@@ -190,40 +194,71 @@ class Segment:
 
     Attributes
     ----------
-    stats
-        ObsPy's header.
+    codes
+        Of network, station, location and channel.
+    start_ns, rate_hz
+        Time of the first sample [ns], and how many there are in a second.
+    form
+        ObsPy's name of the format.
     data
         The samples.
+    header
+        What else the file says of a channel, of SEG-2.
     """
 
-    stats: Any
+    codes: tuple[str, str, str, str]
+    start_ns: int
+    rate_hz: float
+    form: str
     data: Column
+    header: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, stats: Any, data: Column, form: str = "") -> Segment:
+        """Return the samples of a trace of which ObsPy read the header."""
+        network, station, location, channel = (
+            str(stats[key]) for key in ("network", "station", "location", "channel")
+        )
+        return cls(
+            (network, station, location, channel),
+            int(stats.starttime.ns),
+            float(stats.sampling_rate),
+            form or str(stats._format),
+            data,
+            stats.seg2 if form == "SEG2" else {},
+        )
 
     @property
     def id(self) -> str:
         """The channel as ``NET.STA.LOC.CHA``."""
-        return ".".join(self.stats[k] for k in ("network", "station", "location", "channel"))
+        return ".".join(self.codes)
+
+    @property
+    def end_ns(self) -> int:
+        """One period after the last sample [ns]."""
+        return self.start_ns + round(len(self.data) * NS_PER_S / self.rate_hz)
 
 
-def _read(path: Path) -> tuple[list[Segment], list[str]]:
-    """Return the segments of one file that hold samples, and what is lost of it."""
+def _read(path: Path, spool: Spool) -> tuple[list[Segment], list[str]]:
+    """Return the segments of one file that hold samples, and what is lost of it.
+
+    Samples are read from the file when they are asked for, or wait in a temporary one.
+    """
     with path.open("rb") as file:
-        head = file.read(_PIECE_BYTES)
-    if _SEED.match(head):
-        found, lines = _read_miniseed(path)
-    else:
-        # from memory: a reader that fails would leave its file open
-        traces, lines = _traces(path, path.read_bytes())
-        found = [Segment(trace.stats, trace.data) for trace in traces]
-    kept = [s for s in found if len(s.data) and s.stats.sampling_rate > 0]
+        head = file.read(_SEED_HEADER)
+        if _SEED.match(head):
+            found, lines = _read_miniseed(path, spool)
+        else:
+            found, lines = _read_other(path, file, spool), []
+    kept = [s for s in found if len(s.data) and s.rate_hz > 0]
     if not kept:
         raise FormatError(f"{path.name}: expected traces with samples, found none")
     for segment in kept:
-        start_ns, rate_hz = int(segment.stats.starttime.ns), float(segment.stats.sampling_rate)
-        if abs(start_ns) + len(segment.data) / rate_hz * NS_PER_S > MAX_NS:
+        length_ns = len(segment.data) / segment.rate_hz * NS_PER_S
+        if abs(segment.start_ns) + length_ns > MAX_NS:
             raise FormatError(
                 f"{path.name}: {segment.id}: expected times within 146 years, found "
-                f"{len(segment.data)} samples at {rate_hz:g} Hz from {start_ns} ns"
+                f"{len(segment.data)} samples at {segment.rate_hz:g} Hz from {segment.start_ns} ns"
             )
     if len(kept) < len(found):
         empty = len(found) - len(kept)
@@ -231,34 +266,160 @@ def _read(path: Path) -> tuple[list[Segment], list[str]]:
     return kept, list(dict.fromkeys(lines))
 
 
-def _traces(path: Path, content: bytes, at: int = 0) -> tuple[list[Any], list[str]]:
-    """Return ObsPy's traces of a file, or of a part of one from a place on, and what it lacks."""
+@contextmanager
+def _obspy(path: Path, at: int = 0) -> Iterator[list[str]]:
+    """Read a file, or a part of one from a place on, by ObsPy; yield what it says is lacking."""
     try:
         with warnings.catch_warnings():
             # ObsPy's own use of importlib, matplotlib and its remarks on custom headers
             warnings.simplefilter("ignore")
-            from obspy import read
+            import obspy  # noqa: F401 (whether it is there)
     except ImportError as error:
         raise MissingReaderError(path.name, "obspy", "seismic") from error
+    lines: list[str] = []
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            file = io.BytesIO(content)
-            traces = list(read(file, format="MSEED" if at else _format(file, path.name)))
-    except FormatError:
+            yield lines
+    except CodecError:
         raise
     except Exception as error:  # ObsPy's readers raise whatever their parsers meet
         text = _offset(str(error), at)
         raise FormatError(
             f"{path.name}: expected a seismic file ObsPy can read, found: {text}"
         ) from error
-    lines = [
+    lines += [
         f"{path.name}: {_offset(' '.join(str(w.message).split()), at)}"
         for w in said
         # its reader of miniSEED warns of records it cannot read, others of their own use of Python
         if "MSEED" in w.category.__name__
     ]
-    return traces, lines
+
+
+def _read_other(path: Path, file: IO[bytes], spool: Spool) -> list[Segment]:
+    """Return the segments of a file that is no miniSEED."""
+    with _obspy(path):
+        form = _format(file, path.name)
+        if form == "SAC":
+            return [_sac(path, file)]
+        if form == "SEG2":
+            return list(_seg2(path, file, spool))
+        if form in ("SEGY", "SU"):
+            return list(_segy(file, form, spool))
+        return [
+            Segment.of(trace.stats, _kept(spool, trace.data))
+            for content in _sections(file)
+            for trace in _traces(content, form)
+        ]
+
+
+def _kept(spool: Spool, samples: NDArray[Any]) -> Pieces:
+    column = Pieces(spool, samples.dtype)
+    column.add(samples)
+    return column
+
+
+def _traces(content: bytes, form: str, **more: Any) -> list[Any]:
+    """Return ObsPy's traces of the bytes of a file of a format."""
+    from obspy import read
+
+    return list(read(io.BytesIO(content), format=form, **more))
+
+
+def _sac(path: Path, file: IO[bytes]) -> Segment:
+    """Return the one trace of a file of SAC: a header, and numbers of 4 bytes."""
+    file.seek(0)
+    head = file.read(_SAC_HEADER)
+    (trace,) = _traces(head, "SAC", headonly=True, fsize=False)
+    # ObsPy takes the order of this machine where both could be
+    orders = sorted("<>", key=lambda order: order != {"little": "<", "big": ">"}[sys.byteorder])
+    versions = [struct.unpack_from(f"{order}i", head, 304)[0] for order in orders]
+    order = next(o for o, version in zip(orders, versions, strict=True) if 0 < version < 20)
+    count = int(struct.unpack_from(f"{order}i", head, 316)[0])
+    size, expected = path.stat().st_size, _SAC_HEADER + 4 * count
+    if size != expected:
+        raise FormatError(
+            f"{path.name}: expected {expected} bytes for {count} samples, found {size}"
+        )
+
+    def samples(rows: slice) -> NDArray[Any]:
+        with path.open("rb") as again:
+            again.seek(_SAC_HEADER + 4 * rows.start)
+            found = np.frombuffer(again.read(4 * (rows.stop - rows.start)), f"{order}f4")
+        if len(found) < rows.stop - rows.start:
+            raise FormatError(f"{path.name}: expected {expected} bytes, found fewer")
+        return found
+
+    return Segment.of(trace.stats, Computed(count, samples))
+
+
+def _seg2(path: Path, file: IO[bytes], spool: Spool) -> Iterator[Segment]:
+    """Yield the traces of a SEG-2 file: ObsPy is given some samples at a time.
+
+    A trace descriptor block says at byte 2 how long it is, at 8 how many samples follow it and at
+    12 how they are written (Pullan 1990, as of :func:`_shot`).
+    """
+    from obspy import Stream
+    from obspy.io.seg2.seg2 import SEG2
+
+    file.seek(0)
+    reader = SEG2()
+    reader.file_pointer, reader.stream = io.BytesIO(file.read(_PIECE_BYTES)), Stream()
+    reader.read_file_descriptor_block()
+    order = reader.endian.decode()
+    for number, place in enumerate(reader.trace_pointers, start=1):
+        file.seek(place)
+        head = file.read(32)
+        size, count, code = struct.unpack_from(f"{order}2xH4xLB", head)
+        head += file.read(max(0, size - len(head)))
+        if len(head) != size:
+            raise FormatError(
+                f"{path.name}: trace {number}: expected a header of {size} bytes, found {len(head)}"
+            )
+        column: Pieces | None = None
+        done, stats = 0, None
+        while column is None or done < count:
+            now = min(count - done, _SEG2_SAMPLES)
+            data = file.read(int(now * _SEG2_BYTES.get(code, 0)))
+            part = head[:8] + struct.pack(f"{order}L", now) + head[12:] + data
+            reader.file_pointer = io.BytesIO(part)
+            trace = reader.parse_next_trace()
+            if len(data) < now * _SEG2_BYTES[code]:
+                raise FormatError(
+                    f"{path.name}: trace {number}: expected {count} samples, found fewer"
+                )
+            stats = stats or trace.stats
+            column = column or Pieces(spool, trace.data.dtype)
+            column.add(trace.data)
+            done += now
+        yield Segment.of(stats, column, "SEG2")
+
+
+def _segy(file: IO[bytes], form: str, spool: Spool) -> Iterator[Segment]:
+    """Yield the traces of a file of SEG-Y or Seismic Unix, of 65 535 samples at most."""
+    from obspy.io.segy.segy import iread_segy, iread_su
+
+    file.seek(0)
+    for trace in {"SEGY": iread_segy, "SU": iread_su}[form](file):
+        yield Segment.of(trace.stats, _kept(spool, trace.data), form)
+
+
+def _sections(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield the parts of a text that begin as the first does, such as traces of GSE2."""
+    file.seek(0)
+    head = file.read(_SEED_HEADER)
+    mark = next((mark for mark in _TEXTS if head.startswith(mark)), None)
+    file.seek(0)
+    if mark is None:
+        yield file.read()
+        return
+    section: list[bytes] = []
+    while line := file.readline(_PIECE_BYTES):
+        if section and line.startswith(mark) and section[-1].endswith(b"\n"):
+            yield b"".join(section)
+            section.clear()
+        section.append(line)
+    yield b"".join(section)
 
 
 def _offset(text: str, at: int) -> str:
@@ -269,6 +430,11 @@ def _offset(text: str, at: int) -> str:
 #: Parts of a file of miniSEED read at once [bytes].
 _PIECE_BYTES = 1 << 20
 _SEED_HEADER = 48
+_SAC_HEADER = 632
+#: Samples of a SEG-2 trace read at once: those of 20 bits come in fours.
+_SEG2_SAMPLES = 1 << 18
+#: Bytes of a sample by the format code of SEG-2.
+_SEG2_BYTES = {1: 2, 2: 4, 3: 2.5, 4: 4, 5: 8}
 #: A record with samples: its number and quality, whose it is, and a year from 1792 to 2303.
 _RECORD = re.compile(rb"[\d \0]{6}[DRQM][ \0].{12}(?:[\x07\x08].|.[\x07\x08])", re.DOTALL)
 #: The most samples that a byte of data can be, by its encoding (SEED 2.4, blockette 1000, and
@@ -334,16 +500,17 @@ def _record(data: bytes, at: int, name: str, begin: int) -> _Record | None:
     return _Record(at + length, channel, start_s, count)
 
 
-def _read_miniseed(path: Path) -> tuple[list[Segment], list[str]]:
+def _read_miniseed(path: Path, spool: Spool) -> tuple[list[Segment], list[str]]:
     """Return the segments of a file of miniSEED, which is read in parts, and what is lost of it.
 
     Parts are whole records. The samples are kept in a temporary file, in the order of the records:
     a segment is what lies in many places of it.
     """
-    spool, joined = Spool(np.uint8), _Joined()
+    joined = _Joined()
     lines: list[str] = []
     for at, content, records in _parts(path):
-        traces, said = _traces(path, content, at)
+        with _obspy(path, at) as said:
+            traces = _traces(content, "MSEED")
         lines += said
         for trace in traces:
             if trace.data.dtype.kind not in "iuf":
@@ -419,16 +586,15 @@ class _Joined:
             if before and begin and _goes_on(before, begin, trace):
                 segment = before[0]
             else:
-                segment = Segment(trace.stats.copy(), Pieces(spool, trace.data.dtype))
+                segment = Segment.of(trace.stats, Pieces(spool, trace.data.dtype))
                 self.segments.append(segment)
             pieces_ = segment.data
             assert isinstance(pieces_, Pieces)
             pieces_.add(trace.data)
-            segment.stats.npts = len(pieces_)
             seen[key] = segment
         for key, segment in seen.items():
             if end := final.get(key):
-                rate_hz = float(segment.stats.sampling_rate) or 1.0
+                rate_hz = segment.rate_hz or 1.0
                 self.last[key] = segment, end.start_s + end.count / rate_hz, rate_hz
 
 
@@ -444,37 +610,49 @@ def _key(trace: Any) -> bytes:
 def _goes_on(before: tuple[Segment, float, float], begin: _Record, trace: Any) -> bool:
     """Tell whether a trace goes on where its channel ended."""
     segment, end_s, rate_hz = before
-    same = segment.stats.sampling_rate == trace.stats.sampling_rate
+    same = segment.rate_hz == trace.stats.sampling_rate
     assert isinstance(segment.data, Pieces)
     alike = segment.data.dtype == trace.data.dtype
     return bool(same and alike and abs(begin.start_s - end_s) * rate_hz <= 0.5)
 
 
-def _format(content: io.BytesIO, name: str) -> str:
-    """Return ObsPy's name of a format; its own search would run what a pickle says."""
+def _format(content: IO[bytes], name: str) -> str:
+    """Return ObsPy's name of a format; its own search would run what a pickle says.
+
+    Some of ObsPy's tests read all that they are given: it is the begin of the file.
+    """
+    content.seek(0)
+    head, size = content.read(_SEGY_TRACES + _TRACE_HEADER), content.seek(0, 2)
+    if head[:4] in _SEG2_STARTS:
+        return "SEG2"
+    if _is_sac(head):
+        return "SAC"
+    if _is_segy(head, size) and not head.startswith(_TEXTS):
+        return "SEGY"
+    content.seek(0)
+    begin = io.BytesIO(content.read(_PIECE_BYTES))
     from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 
     for format_, point in ENTRY_POINTS["waveform"].items():
         if format_ == "PICKLE":
             continue
         place = f"obspy.plugin.waveform.{format_}"
-        content.seek(0)
-        found = buffered_load_entry_point(point.dist.name, place, "isFormat")(content)
-        content.seek(0)
+        begin.seek(0)
+        found = buffered_load_entry_point(point.dist.name, place, "isFormat")(begin)
         if found:
             return str(format_)
     raise FormatError(f"{name}: expected a seismic file ObsPy can read, found another file")
 
 
-def _shot(path: Path, traces: list[Any]) -> Shot:
+def _shot(path: Path, traces: Sequence[Segment]) -> Shot:
     """Return one SEG-2 file as a shot.
 
     ``DESCALING_FACTOR`` takes a sample to millivolts at the input, ``DELAY`` is the time from the
     shot to the first sample (S. E. Pullan, Recommended standard for seismic (/radar) data files
     in the personal computer environment, Geophysics 55, 1990).
     """
-    headers = [t.stats.seg2 for t in traces]
-    shapes = {(t.stats.npts, t.stats.sampling_rate) for t in traces}
+    headers = [t.header for t in traces]
+    shapes = {(len(t.data), t.rate_hz) for t in traces}
     delays = {_number(path, h, "DELAY", 0.0) for h in headers}
     if len(shapes) != 1 or len(delays) != 1:
         raise SchemaError(
@@ -486,13 +664,13 @@ def _shot(path: Path, traces: list[Any]) -> Shot:
     scales = [_number(path, h, "DESCALING_FACTOR", 0.0) * 1e-3 for h in headers]
     return Shot(
         name=path.stem,
-        start_ns=int(traces[0].stats.starttime.ns),
-        rate_hz=float(traces[0].stats.sampling_rate),
+        start_ns=traces[0].start_ns,
+        rate_hz=traces[0].rate_hz,
         delay_s=delays.pop(),
         source=_place(path, headers[0], "SOURCE_LOCATION"),
         receivers=tuple(known) if len(known) == len(receivers) else None,
         scales_v=tuple(scales) if all(s > 0 for s in scales) else None,
-        samples=np.stack([t.data[:] for t in traces], axis=1),
+        channels=tuple(t.data for t in traces),
     )
 
 
@@ -524,21 +702,18 @@ def _place(path: Path, header: Any, key: str) -> tuple[float, float, float] | No
 
 
 def _continuous(
-    traces: list[Any], formats: set[str], place: str, stations: Stations | None
+    traces: Sequence[Segment], formats: set[str], place: str, stations: Stations | None
 ) -> Imported:
     """Return traces as streams: those with one rate and the same segments share a stream."""
-    start_ns = min(int(t.stats.starttime.ns) for t in traces)
+    start_ns = min(t.start_ns for t in traces)
     if start_ns < 0:
         raise SchemaError(f"{place}: start time: expected 1970 or later, found {start_ns} ns")
     channels = _segments(traces if stations is None else split(traces, stations))
     plain = {name: _channel(name, segments[0]) for name, segments in channels.items()}
     known = Described(plain, {}) if stations is None else describe(channels, plain, stations)
-    streams: dict[Any, dict[str, list[Any]]] = {}
+    streams: dict[Any, dict[str, list[Segment]]] = {}
     for name, segments in channels.items():
-        key = (
-            segments[0].stats.sampling_rate,
-            *((int(t.stats.starttime.ns), t.stats.npts) for t in segments),
-        )
+        key = (segments[0].rate_hz, *((t.start_ns, len(t.data)) for t in segments))
         streams.setdefault(key, {})[name] = segments
     several = len(streams) > 1
     return Imported(
@@ -558,26 +733,43 @@ def _continuous(
     )
 
 
-def _segments(traces: list[Any]) -> dict[str, list[Any]]:
+def _segments(traces: Sequence[Segment]) -> dict[str, list[Segment]]:
     """Return the segments of each channel in time order; traces without an id are channels."""
-    channels: dict[str, list[Any]] = {}
+    channels: dict[str, list[Segment]] = {}
     for i, trace in enumerate(traces, start=1):
         name = trace.id if trace.id.strip(".") else f"G{i:02d}"
         known = channels.get(name)
-        if known and known[0].stats.sampling_rate != trace.stats.sampling_rate:
-            name += f" {trace.stats.sampling_rate:g} Hz"
+        if known and known[0].rate_hz != trace.rate_hz:
+            name += f" {trace.rate_hz:g} Hz"
         channels.setdefault(name, []).append(trace)
-    return {n: sorted(ts, key=lambda t: int(t.stats.starttime.ns)) for n, ts in channels.items()}
+    return {n: sorted(ts, key=lambda t: t.start_ns) for n, ts in channels.items()}
 
 
 def _stream(topic: str, channels: dict[str, list[Segment]], known: Described) -> Source:
     """Return one stream; a segment starts at its own time to the nanosecond."""
     segments = list(zip(*channels.values(), strict=True))
-    rate_hz = float(segments[0][0].stats.sampling_rate)
+    rate_hz = segments[0][0].rate_hz
     stream = Stream(topic, tuple(known.channels[name] for name in channels), rate_hz)
     ones = (1.0,) * len(segments)
     gains = list(zip(*(known.factors.get(name, ones) for name in channels), strict=True))
+    name, samples = sample_format(_joined([[t.data for t in each] for each in segments], gains))
+    starts = [segment[0].start_ns for segment in segments]
+    firsts = [round((start_ns - starts[0]) * rate_hz / NS_PER_S) for start_ns in starts]
     counts = [len(segment[0].data) for segment in segments]
+    return stream, name, _Blocks(stream, samples, starts, firsts, counts)
+
+
+def _joined(segments: Sequence[Sequence[Column]], gains: Sequence[Iterable[float]]) -> Column:
+    """Return the samples of segments, one after the other, each channel by its gain there.
+
+    Parameters
+    ----------
+    segments
+        The channels of each, all of one length.
+    gains
+        Of these channels.
+    """
+    counts = [len(channels[0]) for channels in segments]
     ends = np.cumsum(counts)
 
     def rows(wanted: slice) -> NDArray[Any]:
@@ -587,37 +779,46 @@ def _stream(topic: str, channels: dict[str, list[Segment]], known: Described) ->
             begin = int(ends[at]) - counts[at]
             inside = slice(max(0, wanted.start - begin), min(counts[at], wanted.stop - begin))
             both = zip(segments[at], gains[at], strict=True)
-            columns = [t.data[inside] * (1 if gain == 1.0 else gain) for t, gain in both]
+            with np.errstate(invalid="ignore"):  # what a damaged file has for numbers
+                columns = [data[inside] * (1 if gain == 1.0 else gain) for data, gain in both]
             parts.append(np.stack(columns, axis=1))
         return np.concatenate(parts)
 
-    name, samples = sample_format(Computed(int(ends[-1]), rows))
-    starts = [int(segment[0].stats.starttime.ns) for segment in segments]
-    return stream, name, _Blocks(stream, samples, starts, counts)
+    return Computed(int(ends[-1]), rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Blocks:
-    """Segments of a stream as blocks: when each starts [ns] and how many samples it has."""
+    """Segments of a stream as blocks.
+
+    Attributes
+    ----------
+    stream, samples
+        The stream, and the samples of all segments.
+    starts_ns, firsts, counts
+        Of each segment: when it starts [ns], the number of its first sample from the stream's
+        begin, and how many it has.
+    """
 
     stream: Stream
     samples: Column
     starts_ns: Sequence[int]
+    firsts: Sequence[int]
     counts: Sequence[int]
 
     def __iter__(self) -> Iterator[SignalBlock]:
-        rate_hz, row = self.stream.rate_hz, 0
-        for begin_ns, count in zip(self.starts_ns, self.counts, strict=True):
-            first = round((begin_ns - self.starts_ns[0]) * rate_hz / NS_PER_S)
-            anchor_ns = begin_ns - round(first * NS_PER_S / rate_hz)
-            for piece in pieces(count):
+        row = 0
+        segments = zip(self.starts_ns, self.firsts, self.counts, strict=True)
+        for begin_ns, first, count in segments:
+            anchor_ns = begin_ns - round(first * self.stream.period_ns)
+            for piece in pieces(count, len(self.stream.channels)):
                 samples = self.samples[row + piece.start : row + piece.stop]
                 yield SignalBlock(self.stream, anchor_ns, first + piece.start, samples)
             row += count
 
 
-def _channel(name: str, trace: Any) -> Channel:
-    return Channel(name, "seismic", "count", _AXES.get(trace.stats.channel[-1:], ""))
+def _channel(name: str, trace: Segment) -> Channel:
+    return Channel(name, "seismic", "count", _AXES.get(trace.codes[3][-1:], ""))
 
 
 _MARK = b"FDSNStationXML"
@@ -865,20 +1066,14 @@ def split(traces: Sequence[Segment], stations: Stations) -> list[Segment]:
     """Return segments, cut where what a count is worth changes."""
     parts = []
     for trace in traces:
-        start_ns, rate_hz = int(trace.stats.starttime.ns), trace.stats.sampling_rate
-        stop_ns = start_ns + round(trace.stats.npts * NS_PER_S / rate_hz)
-        changes = stations.changes(trace.id, start_ns, stop_ns)
-        rows = [math.ceil((t - start_ns) * rate_hz / NS_PER_S) for t in changes]
-        edges = [0, *(r for r in rows if 0 < r < trace.stats.npts), trace.stats.npts]
-        if len(edges) == 2:
-            parts.append(trace)
-            continue
+        count, rate_hz = len(trace.data), trace.rate_hz
+        changes = stations.changes(trace.id, trace.start_ns, trace.end_ns)
+        rows = [math.ceil((t - trace.start_ns) * rate_hz / NS_PER_S) for t in changes]
+        edges = [0, *(r for r in rows if 0 < r < count), count]
         for first, stop in pairwise(edges):
-            header = trace.stats.copy()
-            begin_ns = start_ns + round(first * NS_PER_S / rate_hz)
-            header.starttime = type(header.starttime)(ns=begin_ns)
-            header.npts = stop - first
-            parts.append(Segment(header, part_of(trace.data, first, stop)))
+            begin_ns = trace.start_ns + round(first * NS_PER_S / rate_hz)
+            data = part_of(trace.data, first, stop)
+            parts.append(replace(trace, start_ns=begin_ns, data=data))
     return parts
 
 
@@ -898,7 +1093,7 @@ def describe(
     """
     made, factors, places, warnings = dict(plain), {}, {}, []
     for name, traces in channels.items():
-        epochs = [stations.at(trace.id, int(trace.stats.starttime.ns)) for trace in traces]
+        epochs = [stations.at(trace.id, trace.start_ns) for trace in traces]
         known = [epoch for epoch in epochs if epoch is not None]
         if fault := _fault(traces, epochs, stations):
             warnings.append(f"{fault}: its samples stay counts")
@@ -919,7 +1114,9 @@ def describe(
     return _placed(site, places, stations.name) if places else site
 
 
-def _fault(traces: Sequence[Any], epochs: Sequence[Epoch | None], stations: Stations) -> str | None:
+def _fault(
+    traces: Sequence[Segment], epochs: Sequence[Epoch | None], stations: Stations
+) -> str | None:
     """Return why the channel of some traces cannot be brought to units."""
     name = traces[0].id
     if name not in stations.epochs:
@@ -928,9 +1125,8 @@ def _fault(traces: Sequence[Any], epochs: Sequence[Epoch | None], stations: Stat
         return f"{stations.name}: {name}: expected this channel, found {found}"
     for trace, epoch in zip(traces, epochs, strict=True):
         if epoch is None:
-            return (
-                f"{stations.name}: {name}: expected an epoch at {trace.stats.starttime}, found none"
-            )
+            when = np.datetime64(trace.start_ns // 1000, "us")
+            return f"{stations.name}: {name}: expected an epoch at {when}Z, found none"
         if epoch.fault:
             return f"{stations.name}: {name}: {epoch.fault}"
     if len({(e.quantity, e.unit, e.axis) for e in epochs if e is not None}) > 1:
@@ -995,8 +1191,8 @@ class Shot:
         Places of the channels [m]; None where the header has none.
     scales_v
         Volts at the instrument's input for a sample of one; None where unknown.
-    samples
-        Shape (n_samples, n_channels), as recorded.
+    channels
+        The samples of each channel, as recorded, all of one length.
     """
 
     name: str
@@ -1006,7 +1202,10 @@ class Shot:
     source: Position | None
     receivers: tuple[Position, ...] | None
     scales_v: tuple[float, ...] | None
-    samples: NDArray[Any]
+    channels: tuple[Column, ...]
+
+    def __len__(self) -> int:
+        return len(self.channels[0])
 
 
 def assemble_shots(shots: Sequence[Shot]) -> Imported:
@@ -1057,10 +1256,10 @@ def _check_one_line(shots: Sequence[Shot]) -> None:
                 raise SchemaError(
                     f"{shot.name}: {what}: expected in every shot or in none, as {first.name}"
                 )
-        if shot.receivers is None and shot.samples.shape[1] != first.samples.shape[1]:
+        if shot.receivers is None and len(shot.channels) != len(first.channels):
             raise SchemaError(
-                f"{shot.name}: expected {first.samples.shape[1]} channels as in {first.name}, "
-                f"which have no positions to tell them by, found {shot.samples.shape[1]}"
+                f"{shot.name}: expected {len(first.channels)} channels as in {first.name}, "
+                f"which have no positions to tell them by, found {len(shot.channels)}"
             )
 
 
@@ -1075,7 +1274,7 @@ def _in_time(shots: Sequence[Shot]) -> tuple[list[Shot], list[int], tuple[str, .
     for shot, lead_ns in zip(shots, leads, strict=True):
         # a file without a date starts at the clock's zero, its shot no earlier
         first_ns = max(shot.start_ns, lead_ns)
-        end_ns = first_ns + round(len(shot.samples) * period_ns)
+        end_ns = first_ns + round(len(shot) * period_ns)
         parts.append(Part(shot.name, first_ns - lead_ns, end_ns))
     laid = lay_out(parts, "shots")
     starts = [t + leads[i] for i, t in zip(laid.order, laid.starts_ns, strict=True)]
@@ -1095,7 +1294,7 @@ def _names(shots: Sequence[Shot]) -> list[tuple[str, ...]]:
 def _keys(shot: Shot) -> list[tuple[Any, int]]:
     """Return what tells receivers apart: place, and count where a place has several."""
     if shot.receivers is None:
-        return [(None, i) for i in range(shot.samples.shape[1])]
+        return [(None, i) for i in range(len(shot.channels))]
     return [(p, shot.receivers[:i].count(p)) for i, p in enumerate(shot.receivers)]
 
 
@@ -1109,8 +1308,9 @@ def _spread(
     """Return the shots of one spread as a stream; gains are brought to the first shot's."""
     first = shots[0]
     scales = first.scales_v
-    rows = [s.samples * (np.array(s.scales_v) / scales) if scales else s.samples for s in shots]
-    name, samples = sample_format(np.concatenate(rows).astype(np.float64))
+    ones = np.ones(len(names))
+    gains = [np.array(s.scales_v) / scales if scales else ones for s in shots]
+    name, samples = sample_format(_joined([s.channels for s in shots], gains))
     positions = first.receivers or (None,) * len(names)
     channels = tuple(
         Channel(g, "voltage", "V", "z", scale, position)
@@ -1119,17 +1319,7 @@ def _spread(
         for g, scale, position in zip(names, scales or (1.0,) * len(names), positions, strict=True)
     )
     stream = Stream(topic, channels, first.rate_hz)
-    ends = np.cumsum([len(s.samples) for s in shots]).tolist()
-    blocks = [
-        SignalBlock(
-            stream,
-            start_ns - round(offset * stream.period_ns),
-            offset,
-            samples[end - len(s.samples) : end],
-        )
-        for s, offset, start_ns, end in zip(shots, offsets, starts, ends, strict=True)
-    ]
-    return stream, name, blocks
+    return stream, name, _Blocks(stream, samples, starts, offsets, [len(s) for s in shots])
 
 
 def _geometry(shots: Sequence[Shot], names: Sequence[tuple[str, ...]]) -> Geometry | None:

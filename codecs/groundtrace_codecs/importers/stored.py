@@ -21,7 +21,7 @@ import numpy as np
 from ..errors import FormatError, NoRoomError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -70,15 +70,42 @@ class Computed:
         return self.made(slice(start, max(start, stop)))
 
 
-def pieces(count: int) -> Iterator[slice]:
-    """Yield so many rows as slices of :data:`PIECE`."""
-    for start in range(0, count, PIECE):
-        yield slice(start, min(start + PIECE, count))
+def pieces(count: int, columns: int = 1) -> Iterator[slice]:
+    """Yield so many rows as slices of :data:`PIECE`, of fewer where there are many columns."""
+    piece = max(1, min(PIECE, _BLOCK_BYTES // (8 * columns)))
+    for start in range(0, count, piece):
+        yield slice(start, min(start + piece, count))
 
 
 def part_of(column: Column, first: int, stop: int) -> Column:
     """Return the rows of a column from a first one on."""
     return Computed(stop - first, lambda rows: column[first + rows.start : first + rows.stop])
+
+
+def stacked(columns: Sequence[Column]) -> Column:
+    """Return columns of one length beside each other, shape (n, n_columns)."""
+    return Computed(len(columns[0]), lambda rows: np.stack([c[rows] for c in columns], axis=1))
+
+
+def picked(column: Column, rows: NDArray[np.intp]) -> Column:
+    """Return rows of a column by their numbers, which may lie far from each other."""
+
+    def found(piece: slice) -> NDArray[Any]:
+        wanted = rows[piece]
+        order = np.argsort(wanted, kind="stable")
+        blocks = wanted[order] // PIECE
+        edges = [0, *(np.flatnonzero(np.diff(blocks)) + 1).tolist(), len(order)]
+        values: NDArray[Any] = column[0:0]
+        for a, b in pairwise(edges):
+            some = wanted[order[a:b]]
+            low = int(some[0]) if len(some) else 0
+            part = column[low : int(some[-1]) + 1 if len(some) else 0][some - low]
+            if not len(values):
+                values = np.empty((len(wanted), *part.shape[1:]), part.dtype)
+            values[order[a:b]] = part
+        return values
+
+    return Computed(len(rows), found)
 
 
 def steps(column: Column) -> Iterator[NDArray[Any]]:

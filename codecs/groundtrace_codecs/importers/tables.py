@@ -18,8 +18,9 @@ import zlib
 from collections import deque
 from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from itertools import chain, islice
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
 
@@ -441,8 +442,12 @@ _CLASSES = {
 _OTHERS = {5: "sparse array", 16: "function handle", 17: "object of a class"}
 _COMPLEX = 0x08
 _HEADER = 128
+#: Bytes of a MATLAB file read at once, of those that are no large array.
+_AHEAD_BYTES = 1 << 16
 #: An element of a cell or struct takes about so much in memory [bytes].
 _OBJECT_BYTES = 200
+#: A letter of a text takes about so much in memory while it is read [bytes].
+_LETTER_BYTES = 20
 #: Structs and cells nest no deeper than this in a file anyone has written.
 _DEEPEST = 100
 #: Level 4: precisions (P) of its type MOPT.
@@ -527,20 +532,84 @@ class MatlabImporter:
 
 
 def _load_mat(path: Path) -> dict[str, Any]:
-    """Return the variables of a file by name: vectors, numbers and text without axes of one."""
-    data = path.read_bytes()
-    room = _Room(path.name, len(data), most_unpacked(len(data)))
-    if data[124:_HEADER] in _VERSIONS_HDF5:
+    """Return the variables of a file by name: vectors, numbers and text without axes of one.
+
+    Large arrays stay in the file; what is compressed is unpacked into a temporary file.
+    """
+    size = path.stat().st_size
+    data = _Part(_Window(_exactly(partial(_read, path), path.name), size), 0, size)
+    head = data.bytes(0, min(size, _HEADER))
+    if head[124:] in _VERSIONS_HDF5:
         raise FormatError(
             f"{path.name}: header: expected MATLAB 4 to 7.2, found 7.3, which is HDF5: put "
             f'format = "hdf5" into the map, or save it with: save -v7'
         )
-    if _is_level_4(data, len(data)):
-        return dict(_Level4(path.name, memoryview(data)).variables())
-    order = _VERSIONS.get(data[124:_HEADER])
+    if _is_level_4(data.bytes(0, min(size, _LEVEL_4_HEADER + _LONGEST_NAME)), size):
+        return dict(_Level4(path.name, data).variables())
+    order = _VERSIONS.get(head[124:])
     if order is None:
         raise FormatError(f"{path.name}: header: expected a MATLAB file, found another file")
-    return dict(_Level5(path.name, memoryview(data), order, room, _HEADER).variables())
+    room = _Room(path.name, size, most_unpacked(size))
+    return dict(_Level5(path.name, data, order, room, _HEADER).variables())
+
+
+class _Window:
+    """Reads bytes of a source; those that follow what was asked for last are at hand.
+
+    Parameters
+    ----------
+    read
+        Returns bytes from a place on, as many as wanted.
+    size
+        How many there are.
+    """
+
+    def __init__(self, read: Callable[[int, int], bytes], size: int) -> None:
+        self._read, self._size = read, size
+        self._begin, self._held = 0, b""
+
+    def __call__(self, at: int, count: int) -> bytes:
+        """Return bytes from a place on."""
+        inside = at - self._begin
+        if not 0 <= inside <= len(self._held) - count:
+            if count > _AHEAD_BYTES:
+                return self._read(at, count)
+            self._held = self._read(at, min(_AHEAD_BYTES, self._size - at))
+            self._begin, inside = at, 0
+        return self._held[inside : inside + count]
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Bytes of a source from a place on.
+
+    Attributes
+    ----------
+    source
+        A file, or what was unpacked of one.
+    begin, size
+        Where they begin in it, and how many they are.
+    """
+
+    source: _Window
+    begin: int
+    size: int
+
+    def __len__(self) -> int:
+        return self.size
+
+    def bytes(self, at: int, count: int) -> bytes:
+        """Return some of the bytes, which are there."""
+        return self.source(self.begin + at, count)
+
+    def part(self, at: int, count: int) -> _Part:
+        """Return some of the bytes, which are there, unread."""
+        return _Part(self.source, self.begin + at, count)
+
+    def stored(self, place: str, shape: tuple[int, ...], type_: str) -> StoredArray:
+        """Return the bytes as an array whose first index goes on fastest, without axes of one."""
+        lengths = tuple(length for length in shape if length != 1)
+        return rows_in(place, self.bytes, lengths, np.dtype(type_), fortran=True)
 
 
 @dataclass(slots=True)
@@ -553,18 +622,27 @@ class _Room:
         Of the file, and its size [bytes].
     most, taken
         All that its parts may take, and what they took so far [bytes].
+    spool
+        What is compressed in the file, unpacked.
     """
 
     name: str
     packed: int
     most: int
     taken: int = 0
+    spool: Spool = field(default_factory=lambda: Spool(np.uint8))
 
     def take(self, size: int) -> None:
         """Count what comes next; more than there is room for is a FormatError."""
         self.taken += size
         if self.taken > self.most:
             raise FormatError(f"{self.name}: {too_much(self.most, self.packed, self.taken)}")
+
+    def unpacked(self, begin: int) -> _Part:
+        """Return what was unpacked from a place on."""
+        size = len(self.spool)
+        source = _Window(_exactly(self.spool.read, self.name), size)
+        return _Part(source, begin, size - begin)
 
 
 @dataclass(slots=True)
@@ -590,7 +668,7 @@ class _Level5:
     """
 
     name: str
-    data: memoryview
+    data: _Part
     order: str
     room: _Room
     at: int = 0
@@ -615,16 +693,16 @@ class _Level5:
             if name:
                 yield name, value
 
-    def element(self, *, padded: bool = True) -> tuple[int, memoryview]:
+    def element(self, *, padded: bool = True) -> tuple[int, _Part]:
         """Return the type and the bytes of the next element."""
-        tag = self._taken(8, "the tag of an element")
-        first, size = np.frombuffer(tag, f"{self.order}u4").tolist()
+        place = self._taken(8, "the tag of an element")
+        first, size = np.frombuffer(self.data.bytes(place, 8), f"{self.order}u4").tolist()
         if first >> 16:  # few bytes, in the tag itself
             kind, size = first & 0xFFFF, first >> 16
             if size > 4:
                 raise self._wrong("at most 4 bytes in a tag", f"{size}")
-            return kind, tag[4 : 4 + size]
-        content = self._taken(size, f"{size} bytes")
+            return kind, self.data.part(place + 4, size)
+        content = self.data.part(self._taken(size, f"{size} bytes"), size)
         if padded or first == _MATRIX:
             self.at = min(self.at + -size % 8, len(self.data))
         return first, content
@@ -655,23 +733,41 @@ class _Level5:
             return name, self._characters(shape)
         if class_ not in _CLASSES:
             raise self._wrong("a class of arrays", f"{class_}")
-        kept = self.numbers()
-        self.room.take(len(kept) * (16 if complex_ else int(_CLASSES[class_][1])))
-        with np.errstate(invalid="ignore"):  # whole numbers that a damaged file calls fractions
-            values = kept.astype(_CLASSES[class_])
-        if complex_:
-            imaginary = self.numbers()
-            if len(imaginary) != len(values):
-                raise self._wrong(f"{len(values)} imaginary parts", f"{len(imaginary)}")
-            values = values + 1j * imaginary
-        return name, _squeezed(self._shaped(values, shape))
+        return name, self._numeric(shape, _CLASSES[class_], complex_=complex_)
 
-    def numbers(self) -> NDArray[Any]:
-        """Return the next element's numbers, shape (n,)."""
+    def _numeric(self, shape: tuple[int, ...], class_: str, *, complex_: bool) -> Any:
+        """Return the numbers of an array, large ones where they lie."""
+        place = f"{self.name}: byte {self.at}{self.where}"
+        parts = [self._stored(shape, place) for _ in range(2 if complex_ else 1)]
+        stored = _converted(parts, class_)
+        size = math.prod(shape) * stored.dtype.itemsize
+        if size > _SMALL_BYTES:
+            return stored
+        self.room.take(size)
+        return _squeezed(np.asarray(stored))
+
+    def _stored(self, shape: tuple[int, ...], place: str) -> StoredArray:
+        """Return the next element's numbers as an array of a shape."""
+        type_, content = self._numbers()
+        count = len(content) // int(type_[1])
+        if count != math.prod(shape):
+            raise self._wrong(f"{math.prod(shape)} values", f"{count}")
+        return content.stored(place, shape, self.order + type_)
+
+    def _numbers(self) -> tuple[str, _Part]:
+        """Return what the next element's numbers are, and their bytes."""
         kind, content = self.element()
         if kind not in _NUMBERS:
             raise self._wrong("numbers", f"data of type {kind}")
-        return self._as(content, _NUMBERS[kind])
+        type_ = _NUMBERS[kind]
+        if len(content) % int(type_[1]):
+            raise self._wrong(f"numbers of {type_[1]} bytes", f"{len(content)} bytes")
+        return type_, content
+
+    def numbers(self) -> NDArray[Any]:
+        """Return the next element's numbers, shape (n,)."""
+        type_, content = self._numbers()
+        return np.frombuffer(self._held(content), self.order + type_)
 
     def text(self) -> str:
         """Return the next element as a name."""
@@ -681,14 +777,19 @@ class _Level5:
         kind, content = self.element()
         if kind not in (1, 2, 16):
             raise self._wrong("a name", f"data of type {kind}")
-        return bytes(content)
+        return self._held(content)
+
+    def _held(self, content: _Part, each: int = 1) -> bytes:
+        """Return the bytes of an element, each of which takes so many in memory."""
+        self.room.take(len(content) * each)
+        return content.bytes(0, len(content))
 
     def _cells(self, shape: tuple[int, ...]) -> Any:
         count = self._believed(shape, 1)
         cells = np.empty(count, object)
         for i in range(count):
             cells[i] = self._next()
-        return _squeezed(self._shaped(cells, shape))
+        return _squeezed(cells.reshape(shape, order="F"))
 
     def _structs(self, shape: tuple[int, ...]) -> Any:
         lengths = self.numbers()
@@ -703,16 +804,20 @@ class _Level5:
         structs = np.empty(count, object)
         for i in range(count):
             structs[i] = {name: self._next() for name in names}
-        return _squeezed(self._shaped(structs, shape))
+        return _squeezed(structs.reshape(shape, order="F"))
 
     def _characters(self, shape: tuple[int, ...]) -> Any:
         """Return the rows of a text, a single one as str."""
-        kind, content = self.element()
+        kind, part = self.element()
+        content = self._held(part, _LETTER_BYTES)
         if kind in _TEXTS:
             order = "" if kind == 16 else "-le" if self.order == "<" else "-be"
             text = str(content, _TEXTS[kind] + order, "replace")
         elif kind in _NUMBERS and _NUMBERS[kind][0] != "f":
-            codes = self._as(content, _NUMBERS[kind]).astype(np.int64)
+            type_ = _NUMBERS[kind]
+            if len(content) % int(type_[1]):
+                raise self._wrong(f"numbers of {type_[1]} bytes", f"{len(content)} bytes")
+            codes = np.frombuffer(content, self.order + type_).astype(np.int64)
             text = "".join(chr(c) if 0 <= c < 0x110000 else "\ufffd" for c in codes.tolist())
         else:
             raise self._wrong("text", f"data of type {kind}")
@@ -730,7 +835,7 @@ class _Level5:
             raise self._wrong("an array", f"data of type {kind}")
         return self._within(content).array()[1]
 
-    def _within(self, content: memoryview) -> _Level5:
+    def _within(self, content: _Part) -> _Level5:
         place = self.where or f" of the array that ends at byte {self.at}"
         return _Level5(self.name, content, self.order, self.room, 0, self.depth + 1, place)
 
@@ -742,40 +847,54 @@ class _Level5:
         self.room.take(count * fields * _OBJECT_BYTES)
         return count
 
-    def _shaped(self, values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-        if len(values) != math.prod(shape):
-            raise self._wrong(f"{math.prod(shape)} values", f"{len(values)}")
-        return values.reshape(shape, order="F")
-
-    def _as(self, content: memoryview, type_: str) -> NDArray[Any]:
-        if len(content) % int(type_[1]):
-            raise self._wrong(f"numbers of {type_[1]} bytes", f"{len(content)} bytes")
-        return np.frombuffer(content, self.order + type_)
-
-    def _taken(self, size: int, what: str) -> memoryview:
+    def _taken(self, size: int, what: str) -> int:
+        """Return where bytes begin, and go on behind them."""
         if size > len(self.data) - self.at:
             raise self._wrong(what, f"{len(self.data) - self.at} bytes")
         self.at += size
-        return self.data[self.at - size : self.at]
+        return self.at - size
 
-    def _inflated(self, content: memoryview) -> memoryview:
+    def _inflated(self, packed: _Part) -> _Part:
         """Return what a compressed element holds, no more of it than its own tag says."""
-        inflate = zlib.decompressobj()
+        inflate, spool = zlib.decompressobj(), self.room.spool
+        begin, at, size, most = len(spool), 0, 0, 8  # the tag first
         try:
-            tag = inflate.decompress(content, 8)
-            size = int(np.frombuffer(tag, f"{self.order}u4")[1]) if len(tag) == 8 else 0
-            self.room.take(size)
-            rest = inflate.decompress(inflate.unconsumed_tail, size + 8)
+            while not inflate.eof and len(spool) - begin < most:
+                data = inflate.unconsumed_tail
+                if not data:
+                    data = packed.bytes(at, min(_AHEAD_BYTES, len(packed) - at))
+                    at += len(data)
+                if not data:
+                    break
+                spool.write(inflate.decompress(data, min(_PACKED_BYTES, most - len(spool) + begin)))
+                if not size and len(spool) - begin == 8:
+                    size = int(np.frombuffer(spool.read(begin, 8), f"{self.order}u4")[1])
+                    if size > (limit := most_unpacked(len(packed), DEFLATE_RATIO)):
+                        raise FormatError(f"{self.name}: {too_much(limit, len(packed), size)}")
+                    most += size + 8
         except zlib.error as error:
             raise self._wrong("compressed data", f"{error}") from error
         if not inflate.eof:
             raise self._wrong(f"{size} bytes in compressed data", "other data")
-        return memoryview(tag + rest)
+        return self.room.unpacked(begin)
 
     def _wrong(self, expected: str, found: str) -> FormatError:
         return FormatError(
             f"{self.name}: byte {self.at}{self.where}: expected {expected}, found {found}"
         )
+
+
+def _converted(parts: Sequence[StoredArray], type_: str) -> StoredArray:
+    """Return an array as numbers of a type; the second of two parts is imaginary."""
+
+    def fetch(lead: tuple[int, ...], start: int, stop: int) -> NDArray[Any]:
+        real, *imaginary = [part.fetch(lead, start, stop) for part in parts]
+        with np.errstate(invalid="ignore"):  # whole numbers that a damaged file calls fractions
+            values: NDArray[Any] = real.astype(type_)
+        return values + 1j * imaginary[0] if imaginary else values
+
+    dtype = np.dtype(type_ if len(parts) == 1 else "c16")
+    return replace(parts[0], dtype=dtype, fetch=fetch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -808,45 +927,52 @@ class _Level4:
     """A file of level 4: a header of five whole numbers, a name and a matrix, again and again."""
 
     name: str
-    data: memoryview
+    data: _Part
 
     def variables(self) -> Iterator[tuple[str, Any]]:
-        at = 0
-        while at < len(self.data):
-            head = _header_of_4(self.data[at : at + _LEVEL_4_HEADER])
+        at, end = 0, len(self.data)
+        while at < end:
+            head = _header_of_4(self.data.bytes(at, min(_LEVEL_4_HEADER, end - at)))
             if head is None:
                 raise FormatError(f"{self.name}: byte {at}: expected a variable, found other bytes")
             order, type_, kind, rows, columns, complex_, length = head
             at += _LEVEL_4_HEADER
-            count = rows * columns
-            size = count * int(type_[1]) * (2 if complex_ else 1)
-            if length + size > len(self.data) - at:
+            size = rows * columns * int(type_[1])
+            parts = 2 if complex_ else 1
+            if length + parts * size > end - at:
                 raise FormatError(
-                    f"{self.name}: byte {at}: expected {length + size} bytes, "
-                    f"found {len(self.data) - at}"
+                    f"{self.name}: byte {at}: expected {length + parts * size} bytes, "
+                    f"found {end - at}"
                 )
-            name = _until_zero(bytes(self.data[at : at + length]))
+            name = _until_zero(self.data.bytes(at, length))
             at += length
-            values = np.frombuffer(self.data[at : at + size], order + type_)
-            at += size
-            yield name, self._value(kind, values, (rows, columns), complex_)
+            found = [self.data.part(at + i * size, size) for i in range(parts)]
+            place = f"{self.name}: byte {at}"
+            at += parts * size
+            yield name, self._value(kind, found, (rows, columns), order + type_, place)
 
     def _value(
-        self, kind: int, values: NDArray[Any], shape: tuple[int, int], complex_: bool
+        self, kind: int, parts: list[_Part], shape: tuple[int, int], type_: str, place: str
     ) -> Any:
+        """Return a variable of some bytes; of complex numbers the real ones come first."""
         if kind == 2:
             return Opaque("sparse array")
-        if complex_:
-            values = values[: len(values) // 2] + 1j * values[len(values) // 2 :]
-        matrix = values.reshape(shape, order="F")
+        if kind == 0 and len(parts[0]) > _SMALL_BYTES:
+            return _converted([part.stored(place, shape, type_) for part in parts], type_)
+        if len(parts[0]) > (limit := most_unpacked(0)):
+            raise FormatError(f"{place}: expected at most {limit} bytes of text, found more")
+        matrix, *imaginary = [
+            np.frombuffer(part.bytes(0, len(part)), type_).reshape(shape, order="F")
+            for part in parts
+        ]
         if kind == 1:
             if not matrix.size:
                 return ""
             with np.errstate(invalid="ignore"):  # damaged letters
-                codes = matrix.real.astype("u1")
+                codes = matrix.astype("u1")
             rows = [bytes(row).decode("latin-1") for row in codes]
             return rows[0] if len(rows) == 1 else np.array(rows)
-        return _squeezed(matrix)
+        return _squeezed(matrix + 1j * imaginary[0] if imaginary else matrix)
 
 
 def _header_of_4(head: bytes | memoryview) -> tuple[str, str, int, int, int, bool, int] | None:
@@ -1136,13 +1262,8 @@ def check_member(member: zipfile.ZipInfo, place: str, ratio: int = DEFLATE_RATIO
 
 def _npy(source: Path | Spool, place: str, size: int) -> Any:
     """Return the array of a .npy file, a large one in the file (NEP 1, versions 1 and 2)."""
-
-    def read(at: int, count: int) -> bytes:
-        found = source.read(at, count) if isinstance(source, Spool) else _read(source, at, count)
-        if len(found) < count:
-            raise FormatError(f"{place}: byte {at}: expected {count} bytes, found {len(found)}")
-        return found
-
+    of = source.read if isinstance(source, Spool) else partial(_read, source)
+    read = _exactly(of, place)
     with _npz_errors(place):
         head = io.BytesIO(read(0, min(size, _NPY_HEAD)))
         version = np.lib.format.read_magic(head)
@@ -1168,3 +1289,15 @@ def _read(path: Path, at: int, count: int) -> bytes:
     with path.open("rb") as file:
         file.seek(at)
         return file.read(count)
+
+
+def _exactly(read: Callable[[int, int], bytes], place: str) -> Callable[[int, int], bytes]:
+    """Return what reads bytes as ``read`` does, and raises a FormatError where there are fewer."""
+
+    def exactly(at: int, count: int) -> bytes:
+        found = read(at, count)
+        if len(found) < count:
+            raise FormatError(f"{place}: byte {at}: expected {count} bytes, found {len(found)}")
+        return found
+
+    return exactly

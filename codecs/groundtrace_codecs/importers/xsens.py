@@ -19,6 +19,7 @@ from ..errors import FormatError, SchemaError
 from ..signals import NS_PER_S, Channel, to_quantity
 from .base import ColumnMap, ImportMap, StreamMap
 from .map import Sampled, together
+from .stored import pieces, stacked
 from .tables import TextTable
 from .time import unwrapped
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .base import Imported
+    from .stored import Column
 
 _HEAD_BYTES = 4096
 _NAMES = re.compile(rb"^[^/\r\n]*\b(?:Packet)?Counter\b[^\r\n]*\b(?:Acc|Gyr|Mag)_X\b", re.M)
@@ -135,7 +137,8 @@ class _File:
 
 def _open(path: Path) -> _File:
     """Read a file; the sensor's id is in the comments or ends the file's name."""
-    lines = path.read_bytes()[:_HEAD_BYTES].decode("latin-1").splitlines()
+    with path.open("rb") as file:
+        lines = file.read(_HEAD_BYTES).decode("latin-1").splitlines()
     comments = "\n".join(line for line in lines if line.lstrip("\ufeffï»¿").startswith("//"))
     names = next((line for line in lines if line and not line.startswith(("//", "ï»¿//"))), "")
     delimiter = max(_DELIMITERS, key=names.count)
@@ -163,16 +166,14 @@ def _streams(
         if not set(names) <= set(table.header) or set(names) <= used:
             continue
         used |= set(names)
-        values = np.stack([table.numbers(name)[:] for name in names], axis=1)
-        kept = np.isfinite(values).any(axis=1)
-        if topic == "/fix":  # the device writes zeros where it has no fix
-            kept &= values[:, :2].any(axis=1)
+        values = stacked([table.numbers(name) for name in names])
+        kept = np.concatenate([_there(values[rows], topic) for rows in pieces(len(values))])
         if not kept.any():
             continue
-        channels = tuple(
-            _channel(channel, values[kept, i]) for i, (_, channel) in enumerate(columns)
-        )
-        found[topic] = Sampled(topic + suffix, "", channels, when.times_ns[kept], values[kept])
+        channels = tuple(channel for _, channel in columns)
+        each = Sampled(topic + suffix, "", channels, when.times_ns, values)
+        each = each if kept.all() else each.only(np.flatnonzero(kept))
+        found[topic] = replace(each, channels=tuple(_channel(c, each.values) for c in channels))
     warnings += [f"{table.name}: {line}" for line in when.warnings]
     others = [name for name in table.header if name and name not in used]
     if others:
@@ -180,9 +181,17 @@ def _streams(
     return list(found.values())
 
 
-def _channel(channel: Channel, values: NDArray[np.float64]) -> Channel:
+def _there(values: NDArray[np.float64], topic: str) -> NDArray[np.bool_]:
+    """Tell which rows hold something; the device writes zeros where it has no fix."""
+    there: NDArray[np.bool_] = np.asarray(np.isfinite(values).any(axis=1))
+    if topic == "/fix":
+        there &= values[:, :2].any(axis=1)
+    return there
+
+
+def _channel(channel: Channel, values: Column) -> Channel:
     """Return a channel; pressure is in Pa or, of an older device, in mbar: its size tells."""
-    if channel.quantity != "pressure" or np.nanmedian(values) > 3000:
+    if channel.quantity != "pressure" or np.nanmedian(values[:]) > 3000:
         return channel
     unit, factor = to_quantity("pressure", "mbar")
     return Channel(channel.name, channel.quantity, unit, scale=factor)

@@ -16,7 +16,7 @@ from ..errors import RecordingError
 from ..evaluation.drawing import COLOURS, WIDE, Drawing
 from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.page import rendered
-from ..explain.reasons import RatioOfSums, bootstrap_recordings
+from ..explain.reasons import RatioOfSums, interval_of_change
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -711,7 +711,7 @@ def _change(
     same = bool((before.top * after.bottom == after.top * before.bottom).all())
     drawn, of = np.unique(groups[kept[:, 1]], return_inverse=True)
     told = len(drawn) >= FEWEST and not same
-    interval = bootstrap_recordings(before.by_group(of), after.by_group(of)) if told else None
+    interval = interval_of_change(before.by_group(of), after.by_group(of)) if told else None
     verdict: Verdict = "the same" if same else "undecided"
     was, now = before.value(), after.value()
     return Change(measure, pipeline, len(kept), was, now, interval, verdict, len(drawn))

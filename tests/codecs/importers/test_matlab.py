@@ -14,6 +14,7 @@ from fuzz_targets import TARGETS, arrays, matlab_4, matlab_5
 from scipy.io import loadmat, savemat
 
 from groundtrace_codecs.errors import FormatError
+from groundtrace_codecs.importers import tables
 from groundtrace_codecs.importers.tables import MatlabImporter, Opaque, _load_mat
 
 if TYPE_CHECKING:
@@ -110,8 +111,12 @@ def variables() -> dict[str, Any]:
     }
 
 
+@pytest.mark.parametrize("largest_in_memory", [1 << 20, 0])
 @pytest.mark.parametrize("compressed", [False, True])
-def test_every_kind_of_variable_is_read_as_scipy_reads_it(compressed: bool, tmp_path: Path) -> None:
+def test_every_kind_of_variable_is_read_as_scipy_reads_it(
+    compressed: bool, largest_in_memory: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, "_SMALL_BYTES", largest_in_memory)
     path = tmp_path / "a.mat"
     savemat(path, variables(), do_compression=compressed)
     theirs = loadmat(path, squeeze_me=True, struct_as_record=False)

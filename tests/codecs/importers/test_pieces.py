@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 import pytest
+from fuzz_targets import TARGETS
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.io import savemat
+from seg2_files import write_shot
 
 from groundtrace_codecs import Recording
-from groundtrace_codecs.importers import stored
+from groundtrace_codecs.importers import phone, seismic, stored
 from groundtrace_codecs.importers.base import fit
 from groundtrace_codecs.importers.map import sample_format
 from groundtrace_codecs.importers.run import import_recording
-from groundtrace_codecs.importers.stored import Spool, StoredArray, median, rows_in
+from groundtrace_codecs.importers.stored import Spool, StoredArray, median, picked, rows_in
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,7 +71,7 @@ def content(path: Path) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 @pytest.mark.parametrize("times", TIMES)
-@pytest.mark.parametrize("form", ["csv", "npz", "hdf5", "counter"])
+@pytest.mark.parametrize("form", ["csv", "npz", "hdf5", "mat", "counter"])
 def test_the_size_of_a_piece_changes_no_sample(
     form: str, times: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -84,6 +88,8 @@ def test_the_size_of_a_piece_changes_no_sample(
         if form == "npz":
             np.savez_compressed(file, t=t, x=x)
             file = file.rename(tmp_path / "b.npz") if file.exists() else file
+        elif form == "mat":
+            savemat(file, {"t": t, "x": x}, do_compression=True)
         else:
             with h5py.File(file, "w") as made:
                 made.create_dataset("t", data=t)
@@ -172,3 +178,126 @@ def test_a_grid_is_found_over_many_pieces(monkeypatch: pytest.MonkeyPatch) -> No
     timing = fit(times_ns)
     assert timing.rate_hz == 256
     np.testing.assert_array_equal(timing[:], times_ns)
+
+
+#: Files of each importer, by target of fuzzing: a name that its importer knows.
+NAMES = {
+    "Sensor Logger": "Gyroscope.csv", "Sensor Logger, zip": "x.zip", "phyphox": "x.csv",
+    "indoor location": "x.txt", "Xsens text": "x.txt", "ROS 1 bag": "x.bag", "ROS 2 bag": "x.db3",
+    "SAC": "x.sac", "SEG-2": "x.sg2", "miniSEED": "x.mseed",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("target", NAMES)
+def test_an_import_in_pieces_is_that_of_the_whole(
+    target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in TARGETS[target].seeds(tmp_path):
+        file, found = tmp_path / NAMES[target], []
+        file.write_bytes(seed)
+        for size in (1 << 20, 4, 1):
+            monkeypatch.setattr(stored, "PIECE", size)
+            monkeypatch.setattr(phone, "PIECE", size)
+            monkeypatch.setattr(seismic, "_SEG2_SAMPLES", 4 * size)
+            out = tmp_path / f"{target}-{size}.mcap"
+            found.append((import_recording([file], out, force=True), recorded(out)))
+        for report, rows in found[1:]:
+            assert report.warnings == found[0][0].warnings
+            assert report.samples == found[0][0].samples
+            assert rows == found[0][1]
+
+
+def recorded(path: Path) -> dict[str, list[tuple[int, list[float]]]]:
+    rows: dict[str, list[tuple[int, list[float]]]] = {}
+    with Recording.open(path) as found:
+        for _, block in found.blocks():
+            pairs = zip(block.sample_times().tolist(), block.values.tolist(), strict=True)
+            rows.setdefault(block.topic, []).extend(pairs)
+    return rows
+
+
+@pytest.mark.parametrize(("form", "more"), [("SEGY", {"data_encoding": 1}), ("SU", {})])
+@pytest.mark.parametrize("columns", [1, 40])
+def test_traces_read_one_after_the_other_are_those_that_obspy_reads_at_once(
+    form: str, more: dict[str, int], columns: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from obspy import Stream, Trace, UTCDateTime, read
+
+        start = {"starttime": UTCDateTime(2026, 1, 1), "sampling_rate": 500.0}
+        drawn = np.random.default_rng(1).integers(-999, 999, (columns, 50)).astype(np.float32)
+        traces = [Trace(row, dict(start)) for row in drawn]
+        Stream(traces).write(str(tmp_path / "a.dat"), format=form, **more)
+        theirs = np.stack([trace.data for trace in read(str(tmp_path / "a.dat"))], axis=1)
+    monkeypatch.setattr(stored, "_BLOCK_BYTES", 900)
+    import_recording([tmp_path / "a.dat"], tmp_path / "a.mcap")
+    ((_, values),) = content(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(values, theirs)
+
+
+@pytest.mark.parametrize("kind", ["<i2", "<i4", "<f4", "<f8"])
+def test_a_seg2_trace_read_in_pieces_is_that_which_obspy_reads_at_once(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = np.random.default_rng(1).integers(-999, 999, (50, 3)).astype(kind)
+    path = write_shot(tmp_path / "1.dat", drawn)
+    monkeypatch.setattr(seismic, "_SEG2_SAMPLES", 8)
+    found, _ = seismic._read(path, Spool(np.uint8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from obspy import read
+
+        theirs = read(str(path))
+    for ours, trace in zip(found, theirs, strict=True):
+        np.testing.assert_array_equal(ours.data[:], trace.data)
+        assert ours.start_ns == trace.stats.starttime.ns
+        assert ours.header == trace.stats.seg2
+
+
+def test_texts_of_seismic_traces_are_read_trace_by_trace(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from obspy import Trace, UTCDateTime, read
+
+        for form in ("GSE2", "SLIST", "TSPAIR"):
+            parts = []
+            for minute in range(3):
+                head = {
+                    "station": "A",
+                    "channel": "Z",
+                    "starttime": UTCDateTime(2026, 1, 1, 0, minute),
+                }
+                data = np.arange(200, dtype=np.int32) * (minute + 1)
+                Trace(data, head).write(str(tmp_path / "part"), format=form)
+                parts.append((tmp_path / "part").read_bytes())
+            path = tmp_path / f"a.{form}"
+            path.write_bytes(b"".join(parts))
+            with path.open("rb") as file:
+                assert list(seismic._sections(file)) == parts
+            found, _ = seismic._read(path, Spool(np.uint8))
+            for ours, trace in zip(found, read(str(path)), strict=True):
+                np.testing.assert_array_equal(ours.data[:], trace.data)
+                assert ours.start_ns == trace.stats.starttime.ns
+
+
+@given(order=st.permutations(range(40)), cut=st.integers(1, 50))
+def test_rows_in_any_order_are_found(order: list[int], cut: int) -> None:
+    rows, values = np.array(order), np.arange(80.0).reshape(40, 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stored, "PIECE", 6)
+        found = picked(values, rows)
+        np.testing.assert_array_equal(found[:cut], values[rows[:cut]])
+        np.testing.assert_array_equal(found[cut:], values[rows[cut:]])
+
+
+def test_a_number_that_is_none_is_read_without_a_warning(tmp_path: Path) -> None:
+    (seed,) = TARGETS["SAC"].seeds(tmp_path)
+    path = tmp_path / "a.sac"
+    path.write_bytes(seed[:632] + bytes.fromhex("0100a07f") + seed[636:])  # a NaN that signals
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        import_recording([path], tmp_path / "a.mcap")
+    ((_, values),) = content(tmp_path / "a.mcap")
+    assert np.isnan(values[0, 0])
+    assert np.isfinite(values[1:]).all()

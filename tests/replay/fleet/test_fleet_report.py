@@ -15,7 +15,7 @@ from command_runs import check_schema, done, run
 from fleet_runs import Here, use, walks
 
 from groundtrace.errors import RecordingError
-from groundtrace.explain.reasons import Interval, RatioOfSums, bootstrap_recordings
+from groundtrace.explain.reasons import Interval, RatioOfSums, interval_of_change
 from groundtrace.fleet.report import MEASURES, changes, fleet_page, groups_of, ranked, verdict_of
 from groundtrace.fleet.table import FleetTable
 
@@ -109,8 +109,8 @@ def test_nine_of_ten_intervals_hold_the_true_change() -> None:
     for _ in range(200):
         before = rng.normal(0.5, 0.1, 40)
         after = before + rng.normal(0.03, 0.05, 40)
-        found = bootstrap_recordings(
-            RatioOfSums(before, np.ones(40)), RatioOfSums(after, np.ones(40)), draws=400
+        found = interval_of_change(
+            RatioOfSums(before, np.ones(40)), RatioOfSums(after, np.ones(40))
         )
         assert found is not None
         held += found.low <= 0.03 <= found.high
