@@ -237,8 +237,11 @@ class PlannedReplay:
         late = self.live is not None or self.hashed is not None
         return late or self.recording.file.remote
 
-    def _complete(self, sinks: Sequence[Sink]) -> None:
-        """Let results say which bytes they are of, where these end, and what truth came late."""
+    def _complete(self, sinks: Sequence[Sink], *, read: bool) -> None:
+        """Let results say which bytes they are of, where these end, and what truth came late.
+
+        ``read`` is whether the whole recording was read here: else it is not fetched to be hashed.
+        """
         if not self._known_late:
             return
         live = self.live
@@ -246,12 +249,12 @@ class PlannedReplay:
         if live is not None:
             early = set(live.head.labels)
             late = [label for label in live.labels if label not in early]
-        sha256 = ""  # of a part of what is elsewhere: the rest is not fetched for it
+        sha256 = ""
         if live is not None:
             sha256 = live.sha256()
         elif self.hashed is not None:
             sha256 = self.hashed.result()
-        elif self.read_span == (None, None):
+        elif read and self.read_span == (None, None):
             sha256 = self.recording.file.sha256()
         end_ns = self.session.end_ns if live is None else live.end_ns
         for sink in sinks:
@@ -346,7 +349,7 @@ class PlannedReplay:
             clock = Clock(rate) if waits else None
             loop = ReplayLoop(chain, sinks, clock=clock, progress=reached, span=self.span)
             tally = loop.through(itertools.chain(self.ready.notes, items))
-            self._complete(sinks)
+            self._complete(sinks, read=given is None)
             done = True
             return tally
         finally:

@@ -186,6 +186,16 @@ def test_a_recording_that_a_worker_does_not_see_is_told(room: Path) -> None:
         in_spans(room, "room-steps", 2, Here(), place=other)
 
 
+def test_workers_read_a_url(room: Path) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: groundtrace[fleet]")
+    memory = fsspec.filesystem("memory")
+    memory.pipe("/room.mcap", room.read_bytes())
+    whole, _ = in_one_go(room, "room-steps")
+    part, *_ = in_spans(room, "room-steps", 3, place="memory://room.mcap")
+    assert_same_events(whole, part)
+    memory.store.clear()
+
+
 def test_dask_joins_what_one_go_decides(room: Path, capsys: Capture) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed: groundtrace[fleet]")
     name = ("--pipeline", "room-footsteps", "--no-viewer")
