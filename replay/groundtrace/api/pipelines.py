@@ -33,11 +33,13 @@ if TYPE_CHECKING:
 
 def fitting_pipeline(recording: Recording) -> str | None:
     """Return the pipeline for what a recording states and holds; None where it does not tell."""
-    truth = {label.kind for label in recording.labels}
     moves = all(_has(recording, each) for each in ("acceleration", "angular_velocity"))
-    if "trigger" in truth and _seismic_channels(recording):
-        return "hammer-shots"
-    if moves and "step" not in truth and not _on_foot(recording):
+    if _seismic_channels(recording):
+        # of a floor with walls the truth, which lies amid the signal, need not be read
+        indoors = recording.geometry is not None and bool(recording.geometry.outline)
+        if not indoors and "trigger" in _truth(recording):
+            return "hammer-shots"
+    elif moves and not _on_foot(recording) and "step" not in (truth := _truth(recording)):
         if truth & {"heading", "disturbed"}:
             return "heading"
         if "waypoint" in truth:
@@ -57,6 +59,10 @@ def steps_pipeline(recording: Recording) -> str | None:
     if _has(recording, "acceleration") or _has(recording, "acceleration_magnitude"):
         return "waist-steps"
     return None
+
+
+def _truth(recording: Recording) -> set[str]:
+    return {label.kind for label in recording.labels}
 
 
 def _seismic_channels(recording: Recording) -> int:
