@@ -7,9 +7,6 @@ const ECHOES = 64;
 const RETRY_MS = 50;
 /** A viewer that has opened a recording and says no more has it after this [ms]. */
 const SILENT_MS = 5000;
-/** Until there are data it draws on so many times fewer pixels each way, and so many pictures longer. */
-const SMALLER = 8;
-const PICTURES = 3;
 
 /** Return a number as the bytes of a protobuf varint. */
 function varint(value) {
@@ -35,26 +32,6 @@ export function cursor_message(timeline, ns) {
   return new Uint8Array(field(6, [...name, ...time, ...varint(5 << 3), PAUSED]));
 }
 
-/**
- * Have the viewer draw all of its layout on few pixels; return what gives it all of them back.
- *
- * Its first pictures show no data, which it asks for only as it draws; without a graphics card each takes as
- * long as it is large.
- */
-function sketched(canvas) {
-  const { width, height } = canvas.getBoundingClientRect();
-  const known = Object.getOwnPropertyDescriptor(window, "devicePixelRatio");
-  if (!known?.configurable || !width) return () => {};
-  const scale = window.devicePixelRatio / SMALLER;
-  Object.defineProperty(window, "devicePixelRatio", { configurable: true, get: () => scale });
-  canvas.style.width = `${width / SMALLER}px`;
-  canvas.style.height = `${height / SMALLER}px`;
-  return () => {
-    Object.defineProperty(window, "devicePixelRatio", known);
-    canvas.style.width = canvas.style.height = "";
-  };
-}
-
 export class Viewer {
   /**
    * @param {string} timeline its name
@@ -76,7 +53,6 @@ export class Viewer {
    * The layout goes first: without one the viewer makes its own, and then keeps that.
    */
   async start(canvas, wasm, layout, recording) {
-    const whole = sketched(canvas);
     await wasm_bindgen({ module_or_path: wasm });
     performance.mark("viewer-compiled");
     this.handle = new wasm_bindgen.WebHandle({
@@ -102,8 +78,6 @@ export class Viewer {
     else this.push(recording, "replay");
     await this.opened;
     performance.mark("recording-opened");
-    for (let left = PICTURES; left; left -= 1) await new Promise(requestAnimationFrame);
-    whole();
   }
 
   heard(event) {
