@@ -128,7 +128,7 @@ def test_all_that_is_wrong_with_how_a_replay_was_asked_is_said_at_once(
     assert len(said) == len(settings) + 2
     assert "did you mean swing?" in said[0]
     assert "did you mean steps?" in said[1]
-    assert said[2] == "steps.score: expected float >= 0.02 and <= 1, found 'much'"
+    assert said[2] == "steps.score: expected float >= 0 and <= 1, found 'much'"
     assert said[-2] == "--to: expected more than --from 5, found 4"
     assert said[-1].startswith("--at-miss: expected no --from")
 

@@ -193,7 +193,7 @@ def test_plugins_and_pipelines_are_as_their_schemas_say(
     one = done(capsys, "pipelines", "waist-steps", "--json").document
     check("pipelines", one)
     assert one["pipelines"][0] in every["pipelines"]
-    assert one["pipelines"][0]["stages"][0]["parameters"]["score"] == 0.25
+    assert one["pipelines"][0]["stages"][0]["parameters"]["score"] == 0.4
 
 
 def test_results_say_what_they_hold_and_their_score(capsys: pytest.CaptureFixture[str]) -> None:

@@ -76,7 +76,7 @@ def compare(
     >>> import groundtrace as gt
     >>> a = gt.replay("waist-walk", "waist-steps")
     >>> gt.compare(a, gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8}))
-    Comparison(waist-walk.mcap, 67 both right, 7 only A right, p = 0.016)
+    Comparison(waist-walk.mcap, 72 both right, 2 only A right, p = 0.5)
     """
     labels = a.scored_truth(truth).labels or b.scored_truth(truth).labels
     places = (a.recording_path, b.recording_path)

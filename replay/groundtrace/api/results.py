@@ -62,7 +62,7 @@ class Results:
     >>> import groundtrace as gt
     >>> results = gt.replay("waist-walk", "waist-steps")
     >>> len(results.steps)
-    75
+    78
     """
 
     decided: Decided

@@ -37,12 +37,13 @@ from ..pipeline.stage import CannotStart, Context, Curve, Input, Measured, Memor
 from .body_signals import FORCE, MAGNITUDE, Upward, UpwardPart
 from .step_score import (
     APART_STEPS,
-    LEAST_SCORE,
+    LEAST_LIKENESS,
     TAPS,
-    ScorePeaks,
     Scores,
     StepWindows,
+    Surroundings,
     Windows,
+    judged,
     moving,
     probability,
     scores,
@@ -69,8 +70,9 @@ _TRUNK_SCALES = (Scale(4.0, 2),)
 #: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "Data used for tuning").
 _OTHER_SCALES = (Scale(8.0, 2), Scale(12.0, 3))
 #: What averages, bands and looks ahead at a step reach beyond the rhythm together [s]. Source:
-#: definitions: 2.5 for gravity, 0.5 to 1.4 for the grid, 1.6 for the band; rounded up.
-AVERAGED_S = 6.0
+#: definitions: 2.5 for gravity, 0.5 to 1.4 for the grid, 1.6 for the band; 2.0 more of the score,
+#: whose surroundings are looked at.
+AVERAGED_S = 8.0
 #: Axes of acceleration among which forward is looked for. Source: definition.
 _AXES = 3
 
@@ -104,11 +106,9 @@ class AdaptiveParameters:
     rhythm: Annotated[float, gate("1", "Least strength of the rhythm around it.", ge=0, le=1)] = (
         0.38
     )
-    score: Annotated[
-        float, gate("1", "Least score, where steps are told by it.", ge=LEAST_SCORE, le=1)
-    ] = 0.25
+    score: Annotated[float, gate("1", "Least score, where steps are told by it.", ge=0, le=1)] = 0.4
     apart: Annotated[
-        float, gate("1", "Least time to a higher score, in step times.", ge=0, le=APART_STEPS)
+        float, gate("1", "Least time to a higher likeness, in step times.", ge=0, le=APART_STEPS)
     ] = 0.36
 
 
@@ -184,6 +184,7 @@ class ByScore:
     """A step is a moment that looks like one, more than all within a part of a step time."""
 
     columns: tuple[Quantity, ...] = (
+        Quantity("likeness", "1"),
         Quantity("score", "1"),
         Quantity("apart", "1"),
         Quantity("vertical", "1"),
@@ -195,23 +196,29 @@ class ByScore:
 
     def __init__(self) -> None:
         self._windows = StepWindows()
-        self._peaks = ScorePeaks()
+        self._surroundings = Surroundings()
 
     def __call__(self, part: UpwardPart) -> Found:
         """Score the points that are known; a maximum waits for those after it."""
         windows = self._windows(moving(part.force, part.gravity))
         said = scores(windows.seen, trained())
-        return self._found(windows, said, self._peaks(said, windows.step_s))
+        return self._found(windows, said, [self._surroundings(windows.seen, said, windows.step_s)])
 
     def flush(self, part: UpwardPart) -> Found:
         """Judge what waited for more by what there is."""
         ends = self._windows(moving(part.force, part.gravity)), self._windows.flush()
         windows = Windows(*(np.concatenate(points) for points in zip(*ends, strict=True)))
         said = scores(windows.seen, trained())
-        rows = np.concatenate([self._peaks(said, windows.step_s), self._peaks.flush()])
-        return self._found(windows, said, rows)
+        last = self._surroundings(windows.seen, said, windows.step_s)
+        return self._found(windows, said, [last, self._surroundings.flush()])
 
-    def _found(self, windows: Windows, said: Scores, rows: NDArray[np.float64]) -> Found:
+    def _found(
+        self,
+        windows: Windows,
+        said: Scores,
+        candidates: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    ) -> Found:
+        rows = np.concatenate([judged(*each, trained().candidate) for each in candidates])
         return Found(probability(said.odds), windows.seen[:, len(TAPS) // 2], rows)
 
 
@@ -238,7 +245,7 @@ class AdaptiveDetector(Stage):
     trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
     gates = ByRhythm.gates + ByScore.gates
     #: Least that makes a candidate, where that is no parameter.
-    floors: ClassVar = {"score": LEAST_SCORE}
+    floors: ClassVar = {"likeness": LEAST_LIKENESS}
     #: Columns that say what there is of a usual step.
     of_usual = ("vertical", "forward")
 

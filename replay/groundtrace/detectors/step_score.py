@@ -13,9 +13,15 @@ looked at one by one, as are those of one who walks very slowly.
    to the step time itself. Everything after is measured in that time, so that a slow walker looks
    like a quick one.
 3. A network of one hidden layer looks at both accelerations up to two step times around a moment,
-   and gives the score, 0 to 1. Its weights stand beside this file; ``bench/train_step_score.py``
-   makes them from named recordings.
-4. Local maxima of the score are candidates.
+   and gives its likeness to a contact, 0 to 1.
+4. Local maxima of the likeness are candidates.
+5. A second network looks at each candidate once more, and at what stands around it: how strong the
+   accelerations are some seconds before and after it, and the best likeness within some steps. What
+   it says is the score. So the last step of a walk, a weak one, is known by the strong one before
+   it and the quiet after it.
+
+The weights of both networks stand beside this file; ``bench/train_step_score.py`` makes them from
+named recordings.
 
 Method and numbers are ours.
 """
@@ -70,8 +76,29 @@ _AHEAD = int(np.ceil(TAPS[-1] * SCALES[-2])) + 1
 APART_STEPS = 0.5
 #: Longest look for a higher score [points of the grid]. Source: definition.
 _NEAR = int(np.ceil(APART_STEPS * USUAL_STEP_S * SCALES[-2] * GRID_HZ)) + 1
-#: Lowest score of a candidate. Chosen by judgement: below it is most of standing still.
-LEAST_SCORE = 0.02
+#: Lowest likeness of a candidate. Chosen by judgement: below it is most of standing still.
+LEAST_LIKENESS = 0.02
+#: Where the strength of the movement about a candidate is told [points of the grid]: 3 s before it
+#: to 2 s after it. Chosen by trial on the same: without it fewer last steps are found.
+_BANDS = ((-120, -40), (-40, -12), (-12, 12), (12, 40), (40, 80))
+#: Least strength that is told from another [m/s2]. Chosen by judgement: noise of a phone's sensor.
+_QUIET_MPS2 = 0.05
+#: Where the best other candidate is looked for [step times]; after a candidate, only the first two.
+#: Chosen by judgement: half a step to a step, a stride, two strides.
+_NEIGHBOURS = ((0.36, 0.75), (0.75, 1.4), (1.4, 2.2), (2.2, 4.0))
+_AFTER = 2
+#: How far before and after a candidate its neighbours are kept [points of the grid]. Source:
+#: definition: the longest of :data:`_NEIGHBOURS` at the longest step time, and of :data:`_BANDS`.
+_REMEMBERED = int(np.ceil(_NEIGHBOURS[-1][1] * USUAL_STEP_S * SCALES[-2] * GRID_HZ)) + 1
+_LOOKED_AHEAD = _BANDS[-1][1]
+#: What the second network looks at: four of the candidate, its neighbours, both accelerations at
+#: all taps, and their strengths. Source: definition.
+INPUTS = 4 + len(_NEIGHBOURS) + _AFTER + 2 * len(TAPS) + 2 * len(_BANDS)
+#: Logarithm of the odds where there is no other candidate. Chosen by judgement: below any
+#: candidate's.
+_NOBODY = -5.0
+#: Likeness is told within this and as much less than 1. Chosen by judgement: surer is no surer.
+_SURE = 1e-3
 
 
 #: A point of the grid is a contact, in training, by a Gaussian of this about each [s]. Chosen by
@@ -83,23 +110,38 @@ _CERTAIN_S = 0.02
 _TAPS, _LOGARITHMS = TAPS.astype(np.float64), np.log(SCALES)
 
 
-class Weights(NamedTuple):
-    """What the network was trained to.
+class Network(NamedTuple):
+    """A network of one hidden layer.
 
     Attributes
     ----------
     hidden, bias
-        Of the hidden layer, shape (2 taps, units) [s2/m] and (units,).
+        Of the hidden layer, shape (inputs, units) and (units,).
     out, offset
-        Of the score's logarithmic odds, shape (units,), and one number.
-    usual
-        The mean step: acceleration upward, then forward, shape (2 taps,) [m/s2].
+        Of the logarithm of the odds, shape (units,), and one number.
     """
 
     hidden: Array
     bias: Array
     out: Array
     offset: float
+
+
+class Weights(NamedTuple):
+    """What both networks were trained to.
+
+    Attributes
+    ----------
+    moment
+        Of the likeness; its inputs are accelerations, shape (2 taps,) [m/s2].
+    candidate
+        Of the score; its inputs are those of :func:`surroundings`.
+    usual
+        The mean step: acceleration upward, then forward, shape (2 taps,) [m/s2].
+    """
+
+    moment: Network
+    candidate: Network
     usual: Array
 
 
@@ -108,8 +150,14 @@ def trained() -> Weights:
     """Return the weights that stand beside this file; to read only."""
     text = resources.files(__package__).joinpath("step_score.json").read_text("utf-8")
     told = json.loads(text)
-    arrays = {name: np.array(told[name], np.float64) for name in ("hidden", "bias", "out", "usual")}
-    return Weights(offset=float(told["offset"]), **arrays)
+    return Weights(
+        _network(told["moment"]), _network(told["candidate"]), np.array(told["usual"], np.float64)
+    )
+
+
+def _network(told: dict[str, object]) -> Network:
+    hidden, bias, out = (np.array(told[name], np.float64) for name in ("hidden", "bias", "out"))
+    return Network(hidden, bias, out, float(told["offset"]))  # type: ignore[arg-type]
 
 
 class Windows(NamedTuple):
@@ -350,8 +398,9 @@ class Scores(NamedTuple):
 
 def scores(seen: Array, weights: Weights) -> Scores:
     """Return what the network says of windows, shape (n, 2 taps)."""
-    w = weights
-    return Scores(*kernels.steps.scores(seen, w.hidden, w.bias, w.out, w.usual, w.offset))
+    return Scores(
+        *kernels.steps.scores(seen, *weights.moment[:3], weights.usual, weights.moment[3])
+    )
 
 
 def probability(odds: Array) -> Array:
@@ -360,21 +409,23 @@ def probability(odds: Array) -> Array:
 
 
 #: Columns of what is measured of a candidate: where it is [points of the grid since the start of
-#: the run]; its score; time to the nearest higher score, in step times, at most
+#: the run]; its likeness; time to the nearest higher one, in step times, at most
 #: :data:`APART_STEPS`; what there is of the usual step's accelerations; standard deviation of the
 #: time [s]; step time [s].
-COLUMNS = ("place", "score", "apart", "vertical", "forward", "uncertainty", "step_s")
+PEAKS = ("place", "likeness", "apart", "vertical", "forward", "uncertainty", "step_s")
+#: Columns of what is judged of it: the same, the score after the likeness.
+COLUMNS = (*PEAKS[:2], "score", *PEAKS[2:])
 
 
 class ScorePeaks:
-    """Finds the local maxima of the score."""
+    """Finds the local maxima of the likeness."""
 
     def __init__(self) -> None:
         self._kept = ColumnBuffer(4)
         self._next = 1  # a maximum has a neighbour on either side
 
     def __call__(self, found: Scores, step_s: Array) -> Array:
-        """Take points; return the candidates whose surroundings are complete, (n, columns)."""
+        """Take points; return the candidates whose surroundings are complete, (n, PEAKS)."""
         self._kept.add(np.stack([*found, step_s]))
         peaks = self._until(self._kept.end - _NEAR)
         self._kept.discard_before(self._next - _NEAR)
@@ -386,15 +437,118 @@ class ScorePeaks:
 
     def _until(self, end: int) -> Array:
         if end <= self._next:
-            return np.empty((0, len(COLUMNS)))
+            return np.empty((0, len(PEAKS)))
         span, self._next = (self._next, end), end
         found: Array = kernels.steps.score_peaks(
             self._kept.contiguous(),
             self._kept.first,
             span,
-            LEAST_SCORE,
+            LEAST_LIKENESS,
             APART_STEPS,
             GRID_HZ,
             (CONTACT_S, _CERTAIN_S),
         )
         return found
+
+
+class Surroundings:
+    """Brings what stands around each candidate together: what the second network looks at."""
+
+    def __init__(self) -> None:
+        self._peaks = ScorePeaks()
+        self._seen = ColumnBuffer(2 * len(TAPS))
+        self._rows = np.empty((0, len(PEAKS)))
+        self._looked = 0  # rows before this one were given already
+
+    def __call__(self, seen: Array, found: Scores, step_s: Array) -> tuple[Array, Array]:
+        """Take points; return candidates whose surroundings are complete, and these.
+
+        Returns
+        -------
+        Candidates, shape (k, PEAKS), and their surroundings, shape (k, inputs).
+        """
+        self._seen.add(seen.T)
+        self._rows = np.concatenate([self._rows, self._peaks(found, step_s)])
+        return self._until(self._seen.end - _NEAR - _LOOKED_AHEAD)
+
+    def flush(self) -> tuple[Array, Array]:
+        """Return those that waited."""
+        self._rows = np.concatenate([self._rows, self._peaks.flush()])
+        return self._until(self._seen.end)
+
+    def _until(self, end: int) -> tuple[Array, Array]:
+        places, start = np.rint(self._rows[:, 0]), self._looked
+        self._looked = max(start, int(np.searchsorted(places, end)))
+        ready = range(start, self._looked)
+        inputs = [surroundings(self._rows, row, self._seen) for row in ready]
+        rows = self._rows[start : self._looked]
+        if len(rows):
+            kept = int(np.searchsorted(places, places[self._looked - 1] - _REMEMBERED))
+            self._rows, self._looked = self._rows[kept:], self._looked - kept
+        self._seen.discard_before(max(end, 0) + _BANDS[0][0] - 1)
+        return rows, np.array(inputs).reshape(len(rows), INPUTS)
+
+
+def surroundings(rows: Array, row: int, seen: ColumnBuffer) -> Array:
+    """Return what stands around one of the candidates.
+
+    Parameters
+    ----------
+    rows
+        Candidates in the order of time, shape (k, PEAKS).
+    row
+        Which one.
+    seen
+        What the first network looked at, by the place.
+
+    Returns
+    -------
+    Logarithm of the candidate's odds, time to a higher one, standard deviation of the time, step
+    time; the best odds of neighbours; accelerations at :data:`TAPS`; logarithms of their strength.
+    """
+    own = rows[row]
+    odds = _odds(rows[:, 1])
+    place, step_s = round(own[0]), own[6]
+    away = (rows[:, 0] - own[0]) / (GRID_HZ * step_s)
+    ahead = rows[:, 0] - own[0] <= _LOOKED_AHEAD
+    best = [_best(odds[(-away > low) & (-away <= high)]) for low, high in _NEIGHBOURS]
+    best += [
+        _best(odds[(away > low) & (away <= high) & ahead]) for low, high in _NEIGHBOURS[:_AFTER]
+    ]
+    middle = [len(TAPS) // 2, len(TAPS) + len(TAPS) // 2]
+    strength = [_strength(seen.between(place + low, place + high)[middle]) for low, high in _BANDS]
+    at = min(max(place, seen.first), seen.end - 1)
+    return np.concatenate(
+        [
+            [odds[row], own[2], own[5], step_s, *best],
+            seen.between(at, at + 1)[:, 0],
+            *strength,
+        ]
+    )
+
+
+def _odds(likeness: Array) -> Array:
+    """Return the logarithm of odds, within what is told apart."""
+    kept = likeness.clip(_SURE, 1 - _SURE)
+    return np.asarray(np.log(kept / (1 - kept)))
+
+
+def _best(odds: Array) -> float:
+    return float(odds.max()) if len(odds) else _NOBODY
+
+
+def _strength(points: Array) -> Array:
+    """Return the logarithm of the strength of two accelerations, shape (2, n)."""
+    if not points.shape[1]:
+        return np.full(2, np.log(_QUIET_MPS2))
+    square = np.ascontiguousarray(points * points).sum(axis=1) / points.shape[1]
+    return np.asarray(np.log(_QUIET_MPS2 + np.sqrt(square)))
+
+
+def judged(rows: Array, inputs: Array, network: Network) -> Array:
+    """Return candidates with their score, shape (k, COLUMNS), by what stands around them."""
+    if not len(rows):
+        return np.empty((0, len(COLUMNS)))
+    nothing = np.zeros(inputs.shape[1])  # no usual share of surroundings is asked for
+    odds = kernels.steps.scores(np.ascontiguousarray(inputs), *network[:3], nothing, network[3])[0]
+    return np.insert(rows, 2, probability(odds), axis=1)

@@ -86,7 +86,7 @@ def test_the_reason_and_the_remedy_of_a_step_are_those_of_the_command_line(
     setting = " ".join(f"--set {name}={value}" for name, value in why.remedy.items())
     after = why.after
     assert after is not None
-    assert f"smallest change: {setting}: TP 67->{after.tp}" in printed
+    assert f"smallest change: {setting}: TP 72->{after.tp}" in printed
     better = gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8} | why.remedy)
     assert better.score().steps.matched == after.tp
     failed = why.gates.where(~why.gates.passed)
