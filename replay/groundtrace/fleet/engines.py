@@ -608,15 +608,16 @@ def quiet() -> Iterator[None]:
     unset = limit_blas_threads()
     ours = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None
-    masks = not ours and hasattr(signal, "pthread_sigmask")
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else None
+    mask = None
+    if sys.platform != "win32" and not ours and hasattr(signal, "pthread_sigmask"):
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         with safe_path():
             yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, before)
-        if mask is not None:
+        if sys.platform != "win32" and mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name in unset:
             del os.environ[name]
