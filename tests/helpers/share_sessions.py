@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 #: With so high a threshold steps are missed.
-STRICT = "steps.score=0.6"
+STRICT = "steps.score=0.95"
 
 
 class Walk(NamedTuple):

@@ -746,8 +746,10 @@ def _counts(offsets: Sequence[tuple[int, int]], end: int) -> tuple[tuple[int, in
 
     Returns
     -------
-    Nothing where the records are of other lengths than such indexes are.
+    Nothing where there are none, or of other lengths than such indexes are.
     """
+    if not offsets:
+        return ()
     placed = sorted(offsets, key=itemgetter(1))
     ends = [*(at for _, at in placed[1:]), end]
     sizes = [(i, stop - at - _INDEX_BYTES) for (i, at), stop in zip(placed, ends, strict=True)]
