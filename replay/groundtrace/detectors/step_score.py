@@ -480,7 +480,8 @@ class Surroundings:
         places, start = np.rint(self._rows[:, 0]), self._looked
         self._looked = max(start, int(np.searchsorted(places, end)))
         ready = range(start, self._looked)
-        inputs = [surroundings(self._rows, row, self._seen) for row in ready]
+        odds = _odds(self._rows[:, 1])
+        inputs = [surroundings(self._rows, odds, row, self._seen) for row in ready]
         rows = self._rows[start : self._looked]
         if len(rows):
             kept = int(np.searchsorted(places, places[self._looked - 1] - _REMEMBERED))
@@ -489,13 +490,15 @@ class Surroundings:
         return rows, np.array(inputs).reshape(len(rows), INPUTS)
 
 
-def surroundings(rows: Array, row: int, seen: ColumnBuffer) -> Array:
+def surroundings(rows: Array, odds: Array, row: int, seen: ColumnBuffer) -> Array:
     """Return what stands around one of the candidates.
 
     Parameters
     ----------
     rows
         Candidates in the order of time, shape (k, PEAKS).
+    odds
+        Logarithms of their odds, shape (k,).
     row
         Which one.
     seen
@@ -507,7 +510,6 @@ def surroundings(rows: Array, row: int, seen: ColumnBuffer) -> Array:
     time; the best odds of neighbours; accelerations at :data:`TAPS`; logarithms of their strength.
     """
     own = rows[row]
-    odds = _odds(rows[:, 1])
     place, step_s = round(own[0]), own[6]
     away = (rows[:, 0] - own[0]) / (GRID_HZ * step_s)
     ahead = rows[:, 0] - own[0] <= _LOOKED_AHEAD

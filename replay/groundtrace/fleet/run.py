@@ -514,7 +514,7 @@ def code_sha256() -> str:
 
 
 @cache
-def misfit(software: Software) -> str:
+def _misfit(software: Software) -> str:
     """Return in what this process decides with other software, or nothing."""
     here = {name: f"{name} {number}" for name, number in package_versions().items()}
     for wanted in software.versions:
@@ -533,6 +533,18 @@ def misfit(software: Software) -> str:
     return ""
 
 
+def check_software(software: Software) -> None:
+    """Check that this process decides with the software of a run.
+
+    Raises
+    ------
+    MisfitError
+        Where it does not.
+    """
+    if wrong := _misfit(software):
+        raise MisfitError(f"{platform.node()}: {wrong}")
+
+
 def evaluate(task: Task) -> Done:
     """Replay, score and explain; whatever goes wrong becomes the row's error.
 
@@ -541,8 +553,7 @@ def evaluate(task: Task) -> Done:
     MisfitError
         Where this process decides with other software than the run has.
     """
-    if wrong := misfit(task.software):
-        raise MisfitError(f"{platform.node()}: {wrong}")
+    check_software(task.software)
     began = time.perf_counter()
     limit = TimeLimit(task)
     identity = Identity("")

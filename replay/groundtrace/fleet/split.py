@@ -33,8 +33,7 @@ from ..pipeline.split import (
     warm_up_s,
 )
 from ..pipeline.stage import StageRunner
-from .engines import MisfitError
-from .run import NEVER_ENDED, Software, code_sha256, invisible, misfit, owners_of
+from .run import NEVER_ENDED, Software, check_software, code_sha256, invisible, owners_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -105,8 +104,7 @@ def replayed(task: SpanTask) -> SpanReplay | Refusal:
     MisfitError
         Where this process decides with other software than the run has.
     """
-    if wrong := misfit(task.software):
-        raise MisfitError(f"{platform.node()}: {wrong}")
+    check_software(task.software)
     remote = is_url(task.location)
     if not remote and not task.path.is_file():
         return Refusal(f"{task.path.name}: {invisible(platform.node())}")
