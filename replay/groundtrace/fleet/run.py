@@ -514,7 +514,7 @@ def code_sha256() -> str:
 
 
 @cache
-def _misfit(software: Software) -> str:
+def misfit(software: Software) -> str:
     """Return in what this process decides with other software, or nothing."""
     here = {name: f"{name} {number}" for name, number in package_versions().items()}
     for wanted in software.versions:
@@ -541,7 +541,7 @@ def check_software(software: Software) -> None:
     MisfitError
         Where it does not.
     """
-    if wrong := _misfit(software):
+    if wrong := misfit(software):
         raise MisfitError(f"{platform.node()}: {wrong}")
 
 
