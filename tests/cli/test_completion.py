@@ -1,4 +1,4 @@
-"""``groundtrace --install-completion``: commands and options by the tab key."""
+"""``groundtrace --install-completion``: commands, options and values by the tab key."""
 
 from __future__ import annotations
 
@@ -6,6 +6,28 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from command_runs import done
+
+#: What was typed, and what the tab key offers of its last word.
+OFFERED = {
+    "replay lo": ["lower-back"],
+    "replay wa": ["waist-walk", "walk.mcap"],
+    "replay folder/": ["folder/in.mcap"],
+    "info robot": ["robot", "robot-test1"],
+    "replay walk.mcap --pipeline waist-s": ["waist-steps", "waist-swing"],
+    "replay walk.mcap --pipeline mi": ["mine.toml"],
+    "pipelines room-f": ["room-footsteps"],
+    "fleet walk.mcap --pipeline hea": ["heading"],
+    "replay walk.mcap --pipeline waist-steps --set steps.s": [
+        "steps.score=",
+        "steps.share=",
+        "steps.swing=",
+    ],
+    "sweep walk.mcap --grid arrivals.b": ["arrivals.before_s="],
+    "recordings show mobgap": ["mobgap-ha001"],
+}
 
 
 def test_a_shell_completes_commands_and_options(tmp_path: Path) -> None:
@@ -27,3 +49,16 @@ def test_a_shell_completes_commands_and_options(tmp_path: Path) -> None:
     check = f"source {script}; complete -p groundtrace"
     done = subprocess.run(["bash", "-c", check], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("typed", OFFERED, ids=str)
+def test_names_of_recordings_pipelines_and_settings_are_offered(
+    typed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("folder").mkdir()
+    for name in ("walk.mcap", "walk.results.rrd", "mine.toml", "folder/in.mcap"):
+        Path(name).touch()
+    lines = done(capsys, "__complete", *typed.split()).out.splitlines()
+    offered = {line.partition("\t")[0] for line in lines}
+    begun = typed.split()[-1]
+    assert {each for each in offered if each.startswith(begun)} == set(OFFERED[typed])

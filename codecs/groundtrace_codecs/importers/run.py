@@ -439,20 +439,34 @@ def choose(
     return known[best]
 
 
-#: An importer that is so sure of a file needs no map for it.
+#: An importer that is so sure of a file needs no map for it, unless it always does.
 CERTAIN = 0.8
+#: Importers that need a map, and what they read.
+MAPPED = {
+    "csv": "a text table",
+    "mat": "a MATLAB file",
+    "hdf5": "an HDF5 file",
+    "npz": "a NumPy archive",
+}
 
 
 def check_needs_map(table: Path) -> None:
-    """Refuse to guess a map of a file that an importer reads without one.
+    """Refuse to guess a map of a file that an importer reads without one, or of an archive.
 
     Raises
     ------
     FormatError
-        Where one does.
+        Where it is one.
     """
     known = choose([table])
-    if known.sniff(table) >= CERTAIN and known.name != "csv":
+    if known.name == "csv":
+        return
+    if known.name in MAPPED:
+        raise FormatError(
+            f"import --guess: expected a text table, found {MAPPED[known.name]}: write its map by "
+            f"hand, and give it with --map"
+        )
+    if known.sniff(table) >= CERTAIN:
         raise FormatError(
             f"import --guess: expected a table that needs a map, found one that the importer "
             f"{known.name} reads by itself: groundtrace import {table} -o OUT.mcap"

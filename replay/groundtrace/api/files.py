@@ -95,29 +95,19 @@ def _refuse_foreign(path: Path) -> None:
             f"{path}: expected a recording, found a timeline; open it with: rerun {path}"
         )
     # importers are not loaded before there is something to import
-    from groundtrace_codecs.importers.run import CERTAIN, importers
+    from groundtrace_codecs.importers.run import CERTAIN, MAPPED, importers
 
     sure = {name: each.sniff(path) for name, each in importers().items()}
     name = max(sure, key=lambda key: sure[key])
     if sure[name] <= 0:
         return
-    needs_map = name in _TABLES or sure[name] < CERTAIN
-    command = f"groundtrace import {path} -o {path.stem}.mcap" + (
-        f" --map MAP.toml (groundtrace import {path} --guess writes a map to start from)"
-        if needs_map
-        else ""
-    )
-    found = _TABLES.get(name, f"a file of format {name}")
+    command = f"groundtrace import {path} -o {path.stem}.mcap"
+    if name in MAPPED or sure[name] < CERTAIN:
+        command += " --map MAP.toml"
+    if name == "csv":
+        command += f" (groundtrace import {path} --guess writes a map to start from)"
+    found = MAPPED.get(name, f"a file of format {name}")
     raise RecordingError(f"{path}: expected a recording, found {found}; import it: {command}")
-
-
-#: Importers that need a map, and what they read.
-_TABLES = {
-    "csv": "a text table",
-    "mat": "a MATLAB file",
-    "hdf5": "an HDF5 file",
-    "npz": "a NumPy archive",
-}
 
 
 class Origin(Protocol):

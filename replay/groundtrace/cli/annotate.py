@@ -16,7 +16,7 @@ from ..api.files import existing_file, existing_recording, writable
 from ..errors import AnnotationError
 from ..pipeline.config import checked_pipeline
 from .console import print_json, print_line, print_stderr, print_table
-from .options import FLAG, OUT, Texts
+from .options import FLAG, OUT, PIPELINE, RECORDING, Texts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def annotate(
-    recording: Path,
+    recording: Annotated[Path, RECORDING],
     *,
     add: Texts = None,
     label: str | None = None,
@@ -45,7 +45,7 @@ def annotate(
     force: Annotated[bool, FLAG] = False,
     serve: Annotated[bool, FLAG] = False,
     results: Path | None = None,
-    pipeline: str = "",
+    pipeline: Annotated[str, PIPELINE] = "",
     port: Annotated[int, Parameter(validator=validators.Number(gte=0, lt=65536))] = 0,
     no_browser: Annotated[bool, FLAG] = False,
     json: Annotated[bool, FLAG] = False,

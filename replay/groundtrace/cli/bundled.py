@@ -16,7 +16,7 @@ from ..api.files import named_recording
 from ..api.inspection import SOURCE
 from ..errors import UsageError, did_you_mean
 from .console import print_json, print_line, print_stderr, print_table
-from .options import FLAG, Json
+from .options import FLAG, NAME, Json
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Known:
 
 def recordings(
     action: Literal["list", "show", "get"] = "list",
-    recording: str | None = None,
+    recording: Annotated[str | None, NAME] = None,
     *,
     offline: Annotated[bool, FLAG] = False,
     json: Json = False,

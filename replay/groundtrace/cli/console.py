@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.annotations import Annotation
     from groundtrace_codecs.events import Label
+    from groundtrace_codecs.mcap.chunks import Damage
     from groundtrace_codecs.recording import Recording
 
     from ..api.progress import Show
@@ -165,6 +166,12 @@ def lost_messages(count: int | None) -> str:
     if count is None:
         return "unknown number of messages lost "
     return f"{counted(count, 'message')} lost " if count else ""
+
+
+def damage_text(damage: Damage) -> str:
+    """Return what is wrong at a place, and what that costs where something is lost."""
+    told = ", ".join(filter(None, ("damage", lost_messages(damage.messages).rstrip())))
+    return f"{told}: {damage.reason}"
 
 
 def quoted(path: Path) -> str:

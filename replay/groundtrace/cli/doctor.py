@@ -18,7 +18,7 @@ from .console import (
     print_table,
     progress,
 )
-from .options import FLAG, Json, Quiet
+from .options import FLAG, RECORDING, Json, Quiet
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Report:
 
 
 def doctor(
-    recording: Path | None = None,
+    recording: Annotated[Path | None, RECORDING] = None,
     *,
     repair: Path | None = None,
     strict: Annotated[bool, FLAG] = False,
@@ -86,8 +86,9 @@ def _print_health(found: Health) -> None:
         if attachment.fault is not None:
             print_line(f"attachment: {attachment.fault}")
     if found.lost or found.lost_uncounted:
-        more = " at least" if found.lost_uncounted else ""
-        print_line(f"lost:{more} {counted(found.lost, 'message')}")
+        counts = [counted(found.lost, "message")] if found.lost else []
+        unknown = ["an unknown number"] if found.lost_uncounted else []
+        print_line(f"lost: {' and '.join(counts + unknown)}")
     print_table(("topic", "messages"), [(t.topic, str(t.messages)) for t in found.topics])
     if found.repair is not None:
         print_line(f"wrote {found.repair.path}: {counted(found.repair.messages, 'message')}")

@@ -35,7 +35,7 @@ from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import public_arguments, write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
 from .exit_codes import ExitCode
-from .options import AT_LEAST_ONE, FLAG, OUT, POSITIVE, Json, Texts, Tolerance
+from .options import AT_LEAST_ONE, FLAG, OUT, PIPELINE, POSITIVE, Json, Settings, Texts, Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -68,8 +68,8 @@ class FleetReport:
 def fleet(
     *recordings: str,
     out: Annotated[Path, OUT],
-    pipeline: Texts = None,
-    set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    pipeline: Annotated[list[str] | None, FLAG, PIPELINE] = None,
+    set_: Settings = None,
     truth: Path | None = None,
     tolerance: Tolerance = 0.12,
     engine: str = "local",

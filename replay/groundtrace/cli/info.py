@@ -27,7 +27,7 @@ from .console import (
     progress,
     quoted,
 )
-from .options import FLAG, Json
+from .options import FLAG, RECORDING, Json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def info(
-    recording: Path,
+    recording: Annotated[Path, RECORDING],
     *,
     quick: Annotated[bool, FLAG] = False,
     json: Json = False,

@@ -21,7 +21,7 @@ from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
 from ..pipeline.results import timeline_id, write_text
 from .console import print_json, print_line, print_stderr, print_table, progress, where_to_show
-from .options import FLAG, POSITIVE, Force, ForceOutputs, Json, Spawn
+from .options import FLAG, PIPELINE, POSITIVE, RECORDING, Force, ForceOutputs, Json, Spawn
 
 if TYPE_CHECKING:
     from ..layout.analysis import RoomAnalysis
@@ -124,7 +124,7 @@ def _write(
 
 
 def attenuation(
-    recording: Path,
+    recording: Annotated[Path, RECORDING],
     *,
     geometry: Path | None = None,
     truth: Path | None = None,
@@ -162,7 +162,7 @@ def calibrate(
     source: Path,
     *,
     distance: Annotated[float | None, POSITIVE] = None,
-    pipeline: str | None = None,
+    pipeline: Annotated[str | None, PIPELINE] = None,
     geometry: Path | None = None,
     truth: Path | None = None,
     ignore_places: Annotated[bool, FLAG] = False,

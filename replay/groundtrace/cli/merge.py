@@ -25,7 +25,7 @@ from ..api.merging import (
 )
 from ..errors import UsageError
 from ..pipeline.config import checked_pipeline
-from .console import print_json, print_line, print_stderr, print_table, progress
+from .console import damage_text, print_json, print_line, print_stderr, print_table, progress
 from .options import FLAG, OUT, Json, Texts
 
 if TYPE_CHECKING:
@@ -239,8 +239,7 @@ def report(
             f"note: {topic}: its messages hold no times that are known; their log times were moved"
         )
     for damage in merged.damage:
-        count = "some" if damage.messages is None else damage.messages
-        print_stderr(f"warning: damage, {count} messages lost: {damage.reason}")
+        print_stderr(f"warning: {damage_text(damage)}")
     if json:
         print_json(
             {

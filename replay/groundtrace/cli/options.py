@@ -4,12 +4,72 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cyclopts.completion import CompletionContext
+
+
+def _files(begun: str, suffix: str) -> Iterator[str]:
+    """Yield the folders, and files with a suffix, whose path begins so."""
+    folder = begun[: begun.rfind("/") + 1]
+    for path in sorted(Path(folder or ".").iterdir()):
+        if path.is_dir():
+            yield f"{folder}{path.name}/"
+        elif path.suffix == suffix:
+            yield f"{folder}{path.name}"
+
+
+def _names(_typed: CompletionContext) -> Iterator[str]:
+    """Yield the recordings known by name."""
+    from groundtrace_recordings import bundled
+    from groundtrace_recordings.catalogue import catalogue
+
+    yield from (path.stem for path in bundled().values())
+    yield from catalogue()
+
+
+def _recordings(typed: CompletionContext) -> Iterator[str]:
+    """Yield what may be meant by a recording: those known by name, and files."""
+    yield from _names(typed)
+    yield from _files(typed.incomplete, ".mcap")
+
+
+def _pipelines(typed: CompletionContext) -> Iterator[str]:
+    """Yield what may be meant by a pipeline: those that ship, and files."""
+    from ..pipeline.config import named_pipelines
+
+    yield from named_pipelines()
+    yield from _files(typed.incomplete, ".toml")
+
+
+def _settings(typed: CompletionContext) -> dict[str, str]:
+    """Return ``stage.param=`` of the pipelines named so far, or of all, with what each means."""
+    from ..pipeline.config import load_pipeline, named_pipelines
+    from ..pipeline.parameters import describe
+    from ..pipeline.plugins import stage_named
+
+    named = typed.get("--pipeline")
+    names = (named and named.raw_tokens) or named_pipelines()
+    return {
+        f"{stage.key}.{each.name}=": each.doc
+        for name in names
+        for stage in load_pipeline(name).stage
+        for each in describe(stage_named(stage.use).Parameters)
+    }
+
+
 #: Of a switch that has no opposite, or a list that cannot be emptied.
 FLAG = Parameter(negative="")
+#: What the tab key offers.
+NAME = Parameter(completer=_names)
+RECORDING = Parameter(completer=_recordings)
+PIPELINE = Parameter(completer=_pipelines)
+SETTING = Parameter(completer=_settings)
 OUT = Parameter(name=["--out", "-o"])
 POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
@@ -27,6 +87,7 @@ Quiet = Annotated[bool, Parameter(negative="", help="Show no progress bar.")]
 Spawn = Annotated[bool, Parameter(negative="", help="Open the viewer with the same.")]
 Results = Annotated[Path, Parameter(help="Results MCAP that groundtrace replay wrote.")]
 Texts = Annotated[list[str] | None, FLAG]
+Settings = Annotated[list[str] | None, Parameter(name="--set"), FLAG, SETTING]
 Tolerance = Annotated[
     float, POSITIVE, Parameter(help="Largest distance between a step and its detection [s].")
 ]

@@ -13,7 +13,7 @@ from ..pipeline.parameters import ParameterInfo, build, describe
 from ..pipeline.plugins import GROUPS, load, stage_named
 from ..pipeline.plugins import plugins as registered
 from .console import print_json, print_line, print_stderr, print_table
-from .options import FLAG, Json
+from .options import FLAG, PIPELINE, Json
 
 if TYPE_CHECKING:
     from ..pipeline.config import PipelineConfig
@@ -93,7 +93,7 @@ def _shown(value: bool | float | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def pipelines(name: str | None = None, *, json: Json = False) -> None:
+def pipelines(name: Annotated[str | None, PIPELINE] = None, *, json: Json = False) -> None:
     """List the shipped pipelines, or print one with all its parameters.
 
     Parameters

@@ -21,6 +21,7 @@ from ..export.base import Origin
 from ..pipeline.results import write_text
 from .console import (
     counted,
+    damage_text,
     print_json,
     print_line,
     print_stderr,
@@ -29,7 +30,7 @@ from .console import (
     quoted,
 )
 from .exit_codes import ExitCode
-from .options import FLAG, OUT, Force, Json, Quiet
+from .options import FLAG, OUT, RECORDING, Force, Json, Quiet
 
 if TYPE_CHECKING:
     from groundtrace_codecs.copies import Copied
@@ -165,7 +166,7 @@ SECONDS = Parameter(validator=validators.Number(gte=0, lt=1e9))
 
 
 def cut_(
-    recording: Path,
+    recording: Annotated[Path, RECORDING],
     *,
     out: Annotated[Path, OUT],
     from_: Annotated[float | None, Parameter(name="--from"), SECONDS] = None,
@@ -193,7 +194,7 @@ def cut_(
 
 
 def filter_(
-    recording: Path,
+    recording: Annotated[Path, RECORDING],
     *,
     out: Annotated[Path, OUT],
     topic: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
@@ -225,7 +226,7 @@ def filter_(
 
 
 def convert(
-    recording: Path,
+    recording: Annotated[Path, RECORDING],
     *,
     out: Annotated[Path, OUT],
     compression: Compression = "zstd",
@@ -269,8 +270,7 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> ExitCode:
     """Say what is in the copy, and what of the source is not; return how the command ends."""
     ended = ExitCode.of(losses=bool(found.damage or found.faults))
     for damage in found.damage:
-        count = "some" if damage.messages is None else damage.messages
-        print_stderr(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
+        print_stderr(f"warning: {source.name}: {damage_text(damage)}")
     for fault in found.faults:
         print_stderr(f"warning: {fault}; it is not in the copy")
     if sidecar_path(source).exists():

@@ -38,7 +38,17 @@ from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink, public_arguments
 from .console import print_json, print_line, print_stderr, print_warnings, progress, where_to_show
 from .exit_codes import ExitCode
-from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOthers, Json, Quiet
+from .options import (
+    AT_LEAST_ONE,
+    FLAG,
+    NOT_NEGATIVE,
+    PIPELINE,
+    RECORDING,
+    ForceOthers,
+    Json,
+    Quiet,
+    Settings,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -54,11 +64,11 @@ if TYPE_CHECKING:
 
 
 def replay(
-    recording: Path | None = None,
+    recording: Annotated[Path | None, RECORDING] = None,
     *,
-    pipeline: str = "",
+    pipeline: Annotated[str, PIPELINE] = "",
     geometry: Path | None = None,
-    set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    set_: Settings = None,
     from_: Annotated[float | None, Parameter(name="--from"), NOT_NEGATIVE] = None,
     to: Annotated[float | None, NOT_NEGATIVE] = None,
     at_miss: Annotated[int | None, AT_LEAST_ONE] = None,

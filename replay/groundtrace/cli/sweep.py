@@ -11,7 +11,7 @@ from cyclopts import Parameter, validators
 from ..api.files import mark_of, writable
 from ..pipeline.results import write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
-from .options import AT_LEAST_ONE, FLAG, POSITIVE, ForceOutputs, Json, Texts, Truth
+from .options import AT_LEAST_ONE, FLAG, PIPELINE, POSITIVE, SETTING, ForceOutputs, Json, Truth
 
 if TYPE_CHECKING:
     from ..api.comparing import SweepPlan
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 def sweep(
     *inputs: Path,
-    grid: Texts = None,
+    grid: Annotated[list[str] | None, FLAG, SETTING] = None,
     random: Annotated[int | None, AT_LEAST_ONE] = None,
     seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
     truth: Truth = None,
     tolerance: Annotated[float | None, POSITIVE] = None,
-    pipeline: str | None = None,
+    pipeline: Annotated[str | None, PIPELINE] = None,
     recording: Annotated[list[Path] | None, FLAG] = None,
     top: Annotated[int, AT_LEAST_ONE] = 10,
     write: Path | None = None,
