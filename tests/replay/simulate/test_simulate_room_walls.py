@@ -8,7 +8,7 @@ from simulated_rooms import L_OUTLINE, L_ROOM, of_kind, one_step, start_of, valu
 
 from groundtrace.localizers.wave_physics import Plate
 from groundtrace.simulate.footfall import ArrivalLaw
-from groundtrace.simulate.propagation import Walls
+from groundtrace.simulate.room import Walls
 
 SQUARE = np.array([(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)])
 TURNED = SQUARE @ np.array([[0.6, 0.8], [-0.8, 0.6]])
