@@ -14,13 +14,32 @@ if TYPE_CHECKING:
 project = "groundtrace"
 author = "The groundtrace developers"
 release = version = groundtrace.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
-exclude_patterns = ["json"]
+extensions = [
+    "myst_nb",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["json", "gallery", "figures/*.ipynb", "figures/*.py"]
+#: Twelve scripts, run here, a page each.
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "figures",
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "abort_on_example_error": True,
+    "plot_gallery": True,
+    "capture_repr": ("_repr_html_", "__repr__"),
+}
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_execution_in_temp = True
 myst_heading_anchors = 4
 myst_url_schemes = ["http", "https", "mailto"]
-napoleon_numpy_docstring = True
-napoleon_google_docstring = False
-napoleon_use_ivar = True
+numpydoc_show_class_members = False
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 copybutton_prompt_text = "$ "

@@ -7,12 +7,12 @@ from pathlib import Path
 
 DOCS = Path(__file__).parents[1] / "docs"
 #: Written when the site is built.
-GENERATED = {"commands"}
+GENERATED = {"commands", "figures/index"}
 
 
 def below(page: str) -> list[str]:
     """Return a page and all that its tables of contents lead to."""
-    if page in GENERATED:
+    if page in GENERATED or (DOCS / f"{page}.ipynb").exists():
         return [page]
     text = (DOCS / f"{page}.md").read_text("utf-8")
     trees = re.findall(r"```\{toctree\}\n(?::.*\n)*\n(.*?)```", text, re.S)
@@ -22,5 +22,6 @@ def below(page: str) -> list[str]:
 
 
 def test_every_page_is_reached_once() -> None:
-    pages = [p.relative_to(DOCS).with_suffix("").as_posix() for p in DOCS.rglob("*.md")]
+    files = [p for suffix in ("md", "ipynb") for p in DOCS.rglob(f"*.{suffix}")]
+    pages = [p.relative_to(DOCS).with_suffix("").as_posix() for p in files]
     assert sorted(below("index")) == sorted([*pages, *GENERATED])

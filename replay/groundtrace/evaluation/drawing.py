@@ -46,6 +46,9 @@ _STYLE: Any = {
     "svg.fonttype": "none",  # text stays text
     "text.parse_math": False,  # names may have dollars
     "font.size": FONT_PX,
+    "figure.facecolor": COLOURS["paper"],  # whatever the user's style: ink is for this paper
+    "axes.facecolor": COLOURS["paper"],
+    "legend.labelcolor": COLOURS["ink"],
     "text.color": COLOURS["ink"],
     "axes.labelcolor": COLOURS["ink"],
     "axes.edgecolor": COLOURS["soft"],
