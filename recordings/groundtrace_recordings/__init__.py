@@ -11,7 +11,7 @@ from pathlib import Path
 
 from groundtrace_codecs.errors import CodecError
 
-__all__ = ["UnknownFileError", "bundled", "map_path", "maps", "path_of"]
+__all__ = ["UnknownFileError", "bundled", "licence_text", "map_path", "maps", "path_of"]
 
 
 class UnknownFileError(CodecError):
@@ -48,6 +48,21 @@ def map_path(name: str) -> Path:
         Where there is none of this name; lists those there are.
     """
     return _found(name, maps(), "a bundled map")
+
+
+def licence_text(name: str) -> str:
+    """Return the licence of the bundled recording ``name`` of others, in full, with its notices.
+
+    Raises
+    ------
+    UnknownFileError
+        Where there is none of this name.
+    """
+    text = (folder() / "THIRD_PARTY.md").read_text("utf-8")
+    sections = dict(part.split("\n", 1) for part in text.split("\n## ")[1:])
+    if name not in sections:
+        raise UnknownFileError(f"{name}: expected one of {', '.join(sections)}")
+    return sections[name].strip()
 
 
 def folder() -> Path:

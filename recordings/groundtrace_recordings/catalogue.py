@@ -65,6 +65,8 @@ class CataloguedRecording:
         Name of the import map, empty where the files need none.
     truth_file
         Which of the files holds the truth, empty where none does.
+    excerpt
+        The bundled recording that is an excerpt of it, under the same licence; empty where none is.
     """
 
     name: str
@@ -77,6 +79,7 @@ class CataloguedRecording:
     truth: dict[str, int]
     map: str
     truth_file: str
+    excerpt: str
 
     @property
     def bytes(self) -> int:
@@ -97,7 +100,7 @@ def catalogue() -> dict[str, CataloguedRecording]:
 
 def _entry(name: str, given: dict[str, object]) -> CataloguedRecording:
     files: list[dict[str, object]] = given.pop("files")  # type: ignore[assignment]
-    optional = {"truth": {}, "map": "", "truth_file": ""}
+    optional = {"truth": {}, "map": "", "truth_file": "", "excerpt": ""}
     each = tuple(RemoteFile(**file) for file in files)  # type: ignore[arg-type]
     return CataloguedRecording(name, files=each, **(optional | given))  # type: ignore[arg-type]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import resource
 import subprocess
 import sys
 import threading
@@ -109,6 +110,29 @@ def test_what_is_not_as_the_catalogue_says_is_one_line_and_leaves_nothing(
         assert hashlib.sha256(TABLE).hexdigest() in error
 
 
+def test_a_full_disk_is_one_line_and_leaves_nothing(asked, capsys, tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(TABLE) // 2, before[1]))
+    try:
+        ran = run(capsys, "recordings", "get", "there")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert ran.code == 1
+    assert "expected room to write" in ran.err.splitlines()[-1]
+    assert [p.name for p in tmp_path.glob("kept/**/*") if p.is_file()] == [".lock"]
+    done(capsys, "recordings", "get", "there")
+    assert asked == ["/walk.csv"] * 2
+
+
+def test_the_licence_of_what_others_published_is_printed_in_full(capsys):
+    for name in ("lower-back", "mobgap-ha001"):
+        said = done(capsys, "recordings", "show", name, "--licence").out
+        assert "Version 2.0, January 2004" in said
+        assert "END OF TERMS AND CONDITIONS" in said
+    assert "--licence" in done(capsys, "recordings", "show", "shots").out
+    assert run(capsys, "recordings", "list", "--licence").code == 2
+
+
 def test_nothing_is_fetched_offline(asked, capsys, monkeypatch):
     assert "found --offline" in run(capsys, "recordings", "get", "there", "--offline").error
     monkeypatch.setenv(OFFLINE, "1")
@@ -146,6 +170,7 @@ def test_the_catalogue_names_commits_and_maps_that_there_are():
         assert not (set(name) & set("/. "))
         assert name not in {Path(n).stem for n in groundtrace_recordings.bundled()}
         assert each.map == "" or f"{each.map}.toml" in groundtrace_recordings.maps()
+        assert each.excerpt == "" or f"{each.excerpt}.mcap" in groundtrace_recordings.bundled()
         assert each.truth_file in {"", *(file.name for file in each.files)}
         for file in each.files:
             assert len(file.sha256) == 64

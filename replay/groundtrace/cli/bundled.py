@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
-from groundtrace_recordings import bundled
+from groundtrace_recordings import bundled, licence_text
 from groundtrace_recordings.catalogue import CataloguedRecording, catalogue, fetch
 
 from ..api.files import named_recording
@@ -39,6 +39,7 @@ def recordings(
     recording: Annotated[str | None, NAME] = None,
     *,
     offline: Annotated[bool, FLAG] = False,
+    licence: Annotated[bool, FLAG] = False,
     json: Json = False,
 ) -> None:
     """List recordings known by name, show where one is from, or fetch one and print its path.
@@ -52,7 +53,11 @@ def recordings(
         Its name, as any command takes it in the place of a file.
     offline
         Fetch nothing, as GROUNDTRACE_OFFLINE=1 does.
+    licence
+        With show: print the licence in full, with its notices.
     """
+    if licence and (action != "show" or json):
+        raise UsageError("--licence: expected it with show, and without --json")
     remote = catalogue()
     names = [*(path.stem for path in bundled().values()), *remote]
     if action != "list":
@@ -73,7 +78,7 @@ def recordings(
     elif action == "get":
         print_line(str(named_recording(Path(known[0].path))))
     elif action == "show":
-        _print_one(known[0])
+        _print_one(known[0], names[0], in_full=licence)
     else:
         print_table(
             ("name", "here", "length", "truth", "licence", "MB", "what"),
@@ -124,17 +129,21 @@ def _truth(found: Known) -> str:
     return ", ".join(f"{n} {kind}" for kind, n in found.truth.items())
 
 
-def _print_one(found: Known) -> None:
+def _print_one(found: Known, name: str, *, in_full: bool) -> None:
     length = "" if found.duration_s is None else f"{found.duration_s:.3f} s, "
     print_line(f"{found.name}: {found.title}")
     print_line(f"{length}{found.bytes / 1e6:.2f} MB, truth: {_truth(found) or 'none'}")
     for key in ("authors", "url", "citation", "licence", "changed", "tuned_on"):
         if key in found.source:
             print_line(f"{key.replace('_', ' ')}: {found.source[key]}")
-    if found.duration_s is None:
-        print_line("licence in full: where it is fetched from")
-    elif found.source:
-        print_line("licence in full: groundtrace_recordings/THIRD_PARTY.md")
-    else:
+    remote = catalogue()
+    excerpt = remote[name].excerpt if name in remote else name
+    if not found.source:
         print_line("made by: groundtrace simulate")
+    elif not excerpt:
+        print_line("licence in full: where it is fetched from")
+    elif in_full:
+        print_line(f"\n{licence_text(f'{excerpt}.mcap')}\n")
+    else:
+        print_line(f"licence in full: groundtrace recordings show {name} --licence")
     print_line(f"next: groundtrace {'replay' if found.here else 'recordings get'} {found.name}")

@@ -36,7 +36,15 @@ from ..errors import RecordingError, Usage
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink, public_arguments
-from .console import print_json, print_line, print_stderr, print_warnings, progress, where_to_show
+from .console import (
+    counted,
+    print_json,
+    print_line,
+    print_stderr,
+    print_warnings,
+    progress,
+    where_to_show,
+)
 from .exit_codes import ExitCode
 from .options import (
     AT_LEAST_ONE,
@@ -387,7 +395,7 @@ def report(
         print_line(f"timeline: {rrd}, {size} (open it with: rerun {rrd})")
     if damage:
         seen = "" if session.live else f"; see groundtrace info {session.name}"
-        print_line(f"damage: {damage} places were skipped{seen}")
+        print_line(f"damage: {counted(damage, 'place')} skipped{seen}")
 
 
 def _print_report(
@@ -395,6 +403,6 @@ def _print_report(
 ) -> None:
     signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
     print_line(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
-    print_line(
-        ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no events"
-    )
+    one = {kind.plural: kind.name for kind in EVENTS.values()} | {"candidates": "candidate"}
+    told = [counted(count, one[name], name) for name, count in counts.items() if count]
+    print_line(", ".join(told) or "no events")

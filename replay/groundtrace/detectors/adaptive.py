@@ -364,7 +364,7 @@ _NODES_S = np.geomspace(*PERIODS_S, 8)
 #: Standard deviations of the band's two Gaussians as parts of the step time: the first takes out
 #: the second peak of a step, the second what is slower than a step. Chosen by trial on oxford-step
 #: validation and rieck-stepcounter: a coarser band of 0.3 or 0.25 instead of 0.4 loses F1 and steps
-#: (docs/steps.md, "What was tried").
+#: (docs/notebook/steps.md).
 _FINE, _COARSE = 0.16, 0.4
 #: Standard deviation of the Gaussian whose average is taken away before the rhythm is told [s].
 #: Chosen by judgement: longer than half a step, so that sway and turning go and the step stays.

@@ -119,7 +119,7 @@ class Activity:
 #: Standard deviation of the Gaussian that averages the movement away [s]: a walker's stride takes
 #: about a second, a sensor turns in its pocket more slowly. Chosen by trial on mobgap: over half
 #: and over twice the time F1 falls from 0.945 to 0.929 and stays (HA/001), 0.886 to 0.888 and 0.881
-#: (MS/001; docs/steps.md, "What was tried").
+#: (MS/001; docs/notebook/steps.md).
 AVERAGE_S = 1.0
 #: Memory of the mean that gives an uncalibrated sensor its scale [s]. Chosen by judgement: several
 #: strides, so that no step moves the scale, and short beside a walk.

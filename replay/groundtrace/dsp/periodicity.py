@@ -29,7 +29,7 @@ HOP = 10
 #: Shortest and longest period that is tried [s]: from the step of a runner to the stride of a
 #: walker or the step of one who walks slowly. Chosen by trial on mobgap and rieck-stepcounter: with
 #: periods up to 1.7 s F1 falls from 0.946 to 0.938 and 0.901 to 0.895, and counts by 5 %
-#: (docs/steps.md, "What was tried").
+#: (docs/notebook/steps.md).
 PERIODS_S = (0.36, 1.3)
 #: The repetitions must fit in this part of the window. Chosen by judgement: the rest is
 #: left to correlate over.
@@ -40,7 +40,7 @@ _CLIP = 1.5
 #: What part of a period must correlate by, as a part of what the period does, to be its step: more
 #: than this at a third; at a half more than minus this, because nearly always a long period is a
 #: stride, however much more one foot or one arm swings. Chosen by trial on rieck-stepcounter, among
-#: 0, 0.25, 0.5 and 0.75 (docs/steps.md, "What was tried").
+#: 0, 0.25, 0.5 and 0.75 (docs/notebook/steps.md).
 _PART = 0.5
 #: Shortest run in which a rhythm can be told [s]. Source: definition, twice the longest period.
 _SHORTEST_S = 2.6
