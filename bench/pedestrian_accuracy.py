@@ -6,7 +6,9 @@ The folder holds ``indoor-location-20`` as published. Nothing is set but the nam
 Beside each error stands the part of the true places that lie within the claimed ellipse of 90 %.
 Simulated people with odd numbers chose the constant of step lengths; the even ones were seen.
 
-These traces were seen while the tracker was made (docs/accuracy.md).
+These traces were seen while the tracker was made; the first, third, ... chose what
+``pedestrian-waypoints`` takes single steps for, and the others have a line of their own
+(docs/accuracy.md).
 """
 
 from __future__ import annotations
@@ -64,8 +66,11 @@ def tracks(opened: Recording, pipeline: str, labels: tuple = ()) -> dict[str, li
 CHI2_90 = 4.605
 
 
-def inside(points: list[TrackPoint], labels: tuple) -> float:
-    """Return the part of true places within the claimed ellipse of 90 % at their time."""
+def inside(points: list[TrackPoint], labels: tuple, own_m: float = 0.0) -> float:
+    """Return the part of true places within the claimed ellipse of 90 % at their time.
+
+    ``own_m`` is the standard deviation of the places themselves.
+    """
     since = np.array([p.time_ns for p in points], float)
     values = np.array([(p.x_m, p.y_m, *p.covariance) for p in points])
     told = [x for x in labels if since[0] <= x.time_ns <= since[-1]]
@@ -73,7 +78,7 @@ def inside(points: list[TrackPoint], labels: tuple) -> float:
     for label in told:
         x, y, xx, xy, yy = (np.interp(label.time_ns, since, column) for column in values.T)
         off = np.array([label.x_m - x, label.y_m - y])
-        spread = np.array([[xx, xy], [xy, yy]]) + 1e-6 * np.eye(2)
+        spread = np.array([[xx, xy], [xy, yy]]) + (own_m**2 + 1e-6) * np.eye(2)
         count += float(off @ np.linalg.solve(spread, off)) <= CHI2_90
     return count / max(len(told), 1)
 
@@ -142,6 +147,8 @@ def indoors(folder: Path) -> None:
     """Median waypoint errors of every trace; the waypoints' own pipeline at those left out."""
     medians: dict[tuple[str, str], list[float]] = {}
     held: dict[tuple[str, str], list[float]] = {}
+    noisy: dict[str, list[float]] = {}
+    waypoint_m = load_pipeline("pedestrian-waypoints").stage[-1].parameters["waypoint_m"]
     for path in sorted(folder.glob("*/*/path_data_files/*.txt")):
         with tempfile.TemporaryDirectory() as place:
             out = Path(place) / "trace.mcap"
@@ -157,11 +164,20 @@ def indoors(folder: Path) -> None:
                             medians.setdefault((name, stage), []).append(score.median_m)
                             unknown = scored[2:] if name == "pedestrian-aligned" else scored[1:]
                             held.setdefault((name, stage), []).append(inside(points, unknown))
+                            if name == "pedestrian-waypoints":
+                                part = inside(points, unknown, waypoint_m)
+                                noisy.setdefault(stage, []).append(part)
     print("phone in hand (indoor-location-20): median waypoint error [m], places inside, each")
     for (name, stage), each in medians.items():
         listed = " ".join(f"{x:.1f}" for x in each)
         part = np.mean(held[name, stage])
         print(f"  {name:20} {stage:14} {np.median(each):5.2f}  {part:.2f}  ({listed})")
+        if name == "pedestrian-waypoints":
+            rest = [np.mean(parts[1::2]) for parts in (held[name, stage], noisy[stage])]
+            print(
+                f"    of those that chose nothing {np.median(each[1::2]):5.2f}  {rest[0]:.2f}, "
+                f"{rest[1]:.2f} with the waypoints' own {waypoint_m:g} m"
+            )
     print("  pedestrian-waypoints: every second waypoint known, the others scored")
 
 
