@@ -65,7 +65,7 @@ class LiveRecording:
         source
             The file or pipe; closed with the recording.
         stop
-            Set by whoever wants no more: waiting and reading end then, as at the end of the file.
+            Set by whoever wants no more: waiting ends then, and reading with what is there.
         tell
             Told in one line what a person should know: that the writer stalls, or a topic is late.
 

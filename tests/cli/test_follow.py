@@ -8,17 +8,26 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from command_runs import assert_same_decisions, done, run
 
-from groundtrace.pipeline.results import file_sha256, provenance_of, read_results
+from groundtrace.pipeline.results import (
+    ResultsSink,
+    file_sha256,
+    provenance_of,
+    read_results,
+)
 from groundtrace_codecs import live
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import RecordingWriter
 from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Event
 
 Capture = pytest.CaptureFixture[str]
 ROOM, WALK = path_of("room-walk.mcap"), path_of("waist-walk.mcap")
@@ -105,6 +114,27 @@ def test_a_stop_keeps_what_was_decided(stop: signal.Signals, capsys: Capture) ->
     early, whole = provenance_of(Path("rec.results.mcap")), provenance_of(Path("whole.mcap"))
     assert (early.sha256, early.end_ns) == (whole.sha256, whole.end_ns)
     assert read_results(Path("rec.results.mcap")).labels  # the truth that was there at its start
+
+
+def test_a_stop_as_the_recording_ends_leaves_nothing_of_it_out(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copyfile(ROOM, "rec.mcap")
+    write, asked = ResultsSink.write, []
+
+    def pressed(sink: ResultsSink, item: SignalBlock | Event) -> None:
+        write(sink, item)
+        if not asked:  # the file is whole, and hardly any of it was replayed
+            asked.append(True)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(ResultsSink, "write", pressed)
+        done(capsys, "replay", "rec.mcap", "--follow", "--no-viewer")
+    assert asked
+    done(capsys, "replay", "rec.mcap", "--no-viewer", "--out", "whole.mcap")
+    assert_same_decisions(Path("rec.results.mcap"), Path("whole.mcap"))
+    assert provenance_of(Path("rec.results.mcap")).sha256 == file_sha256(ROOM)
 
 
 def test_our_own_writer_is_followed_before_the_file_has_its_name(capsys: Capture) -> None:

@@ -309,22 +309,24 @@ class FollowedFile:
     def tables(self) -> Iterator[MessageTable]:
         """Yield messages by log time, as far as their order is settled, until the end or the stop.
 
-        Where the file is cut short, or another one takes its name, what came before is given, and
-        the reason is told and in `damage`.
+        What is there at the stop is given to its end: a stop in the moment in which the file ends
+        leaves nothing out. Where the file is cut short, or another one takes its name, what came
+        before is given, and the reason is told and in `damage`.
         """
         while True:
+            stopped = self._stop.is_set()  # before it is looked at for the last time
             try:
                 grown = self._source.grow()
             except CodecError as error:
                 self._broken_off(self._source.size, 0, str(error))
                 break
             self._scanner.refresh()
-            while not self._stop.is_set() and self._scanner.step(growing=True):
+            while self._scanner.step(growing=True):
                 self._went_on()
                 self._source.forget(self._scanner.offset)
                 if self._arrived:
                     yield from self._settled()
-            if self.finished or self._stop.is_set():
+            if self.finished or stopped:
                 break
             if not grown and self._source.ended:
                 self._torn()

@@ -32,8 +32,8 @@ from ..dsp.filters import SampleClock, SampleHistory, SmoothedSlope, planar
 from ..dsp.noise import cell_length
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Frames, Input, Stage
-from .trace import FrameTrace, trace_of
+from ..pipeline.stage import Context, Frames, Input, Memory, Stage
+from .trace import FRAME_S, TRACE, FrameTrace, trace_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -309,6 +309,12 @@ class FirstBreaks(Stage):
 
     def __init__(self, parameters: FirstBreakParameters) -> None:
         self.parameters = parameters
+
+    @property
+    def memory(self) -> Memory:
+        """All before: a record begins where the last one ended; and the longest record."""
+        # rounded to whole cells, which are shorter than frames
+        return Memory(None, self.parameters.record_s + FRAME_S).behind([TRACE])
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run: one record, or a long one that holds several shots."""

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
-from mcap_files import changed, of_kind, oracle, rows_of, small, write_recording
+from mcap_files import Row, changed, of_kind, oracle, rows_of, small, write_recording
 
 from groundtrace_codecs.mcap import follow
 from groundtrace_codecs.mcap.follow import FollowedFile, GrowingFile, PipeBytes
@@ -19,8 +19,6 @@ from groundtrace_codecs.mcap.follow import FollowedFile, GrowingFile, PipeBytes
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
-
-    from mcap_files import Row
 
 
 class Steps:
@@ -86,6 +84,16 @@ def test_wherever_a_file_stops_on_its_way_all_its_messages_come(
     assert (file.finished, file.damage, told) == (True, (), [])
     times = [row[2] for row in found]
     assert times == sorted(times)
+
+
+def test_what_is_there_at_a_stop_is_given_to_its_end() -> None:
+    data, stop, found = write_recording(blocks=400), threading.Event(), list[Row]()
+    file = FollowedFile(Steps(data, ()), stop, lambda _: None)
+    for table in file.tables():
+        stop.set()
+        found += [(*m[:4], bytes(m.data)) for m in table]
+    assert sorted(found) == sorted(oracle(data))
+    assert file.finished
 
 
 def test_what_was_given_is_let_go() -> None:
@@ -250,8 +258,9 @@ def test_a_file_that_gets_its_name_when_it_is_finished_is_the_same(
     assert (found, told, file.finished) == (len(rows_of(data)), [], True)
 
 
-def test_a_stop_ends_it_at_once(sources: ExitStack, tmp_path: Path) -> None:
-    data = small(CompressionType.ZSTD)
+def test_a_stop_waits_for_no_more_than_is_there(sources: ExitStack, tmp_path: Path) -> None:
+    whole = small(CompressionType.ZSTD)
+    data = whole[: of_kind(whole, 6)[-1].offset]
     path = tmp_path / "rec.mcap"
     path.write_bytes(data)
     source = GrowingFile(path)
@@ -261,5 +270,7 @@ def test_a_stop_ends_it_at_once(sources: ExitStack, tmp_path: Path) -> None:
     tables = file.tables()
     first = len(next(tables))
     stop.set()
-    assert first + sum(len(table) for table in tables) < len(rows_of(data))
+    there = len(of_steps(data, ())[0])
+    assert first + sum(len(table) for table in tables) == there
+    assert first < there < len(rows_of(whole))
     assert (file.finished, file.damage) == (False, ())

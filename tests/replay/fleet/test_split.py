@@ -196,11 +196,16 @@ def test_workers_read_a_url(room: Path) -> None:
     memory.store.clear()
 
 
-def test_dask_joins_what_one_go_decides(room: Path, capsys: Capture) -> None:
-    pytest.importorskip("distributed", reason="distributed is not installed: groundtrace[fleet]")
+@pytest.mark.parametrize(
+    ("cluster", "package", "extra"), [("dask", "distributed", "fleet"), ("ray", "ray", "ray")]
+)
+def test_a_cluster_joins_what_one_go_decides(
+    cluster: str, package: str, extra: str, room: Path, capsys: Capture
+) -> None:
+    pytest.importorskip(package, reason=f"{package} is not installed: groundtrace[{extra}]")
     name = ("--pipeline", "room-footsteps", "--no-viewer")
     done(capsys, "replay", room, *name, "--out", "a.results.mcap")
-    engine = ("--engine", "dask", "--workers", 2)
+    engine = ("--engine", cluster, "--workers", 2)
     said = done(capsys, "replay", room, *name, "--out", "b.results.mcap", *engine, "--quiet")
     one, other = (read_results(Path(f"{name}.results.mcap")) for name in "ab")
     assert_same_events(one.events, other.events)
@@ -243,3 +248,15 @@ def test_what_is_taken_ahead_comes_in_order_and_is_closed() -> None:
     assert next(some) == 1
     some.close()
     assert len(closed) == 3
+
+
+def test_a_recording_that_was_replaced_is_opened_anew(room: Path) -> None:
+    before, *_ = in_spans(room, "room-steps", 3)
+    size = room.stat().st_size
+    written(Path("other.mcap"), GROUND, impacts(4, 150.0))
+    whole, _ = in_one_go(Path("other.mcap"), "room-steps")
+    Path("other.mcap").replace(room)
+    part, *_ = in_spans(room, "room-steps", 3)
+    assert room.stat().st_size != size
+    assert_same_events(whole, part)
+    assert len(part) != len(before)

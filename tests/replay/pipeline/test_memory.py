@@ -45,6 +45,19 @@ BEFORE = {
     "crossing": ("toa-cv", "coincidence", "bearings"),
     "disagreement": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
 }
+#: Stages that depend on all before, and say how much after a time: by what must be before each.
+ALL_BEFORE = {
+    "adaptive": (),
+    "dp": (),
+    "first-breaks": (),
+    "gcc-phat": ("toa-cv", "coincidence"),
+    "hyperbolic": ("toa-cv", "coincidence"),
+    "power-law": ("toa-cv", "coincidence"),
+    "self-calibrating": ("toa-cv", "coincidence"),
+    "times-amplitudes": ("toa-cv", "coincidence"),
+}
+#: Those whose tracks at the end of a replay are not those of the whole: see Memory.
+TRACKERS = {"reckoning", "walkers"}
 
 
 @dataclass
@@ -132,7 +145,8 @@ def waist() -> Made:
 
 
 def pipeline_of(name: str) -> PipelineConfig:
-    return PipelineConfig("p", stage=tuple(StageConfig(use) for use in (*BEFORE[name], name)))
+    before = (BEFORE | ALL_BEFORE)[name]
+    return PipelineConfig("p", stage=tuple(StageConfig(use) for use in (*before, name)))
 
 
 def memory_of(name: str) -> Memory:
@@ -149,20 +163,23 @@ def decided(
 
 
 def signals_of(name: str) -> list[Made]:
-    if name == "rest-swing":
+    if name in {"rest-swing", "adaptive", "dp"}:
         return [waist(), *map(shaken, range(3))]
     return [room(), *map(impacts, range(2))]
 
 
 def test_every_shipped_stage_that_says_its_memory_is_held_to_it() -> None:
-    said = set()
+    said, ends = set(), set()
     for plugin in plugins("stages"):
         kind = stage_named(plugin.name)
         memory = kind(kind.Parameters()).memory
         if memory.warm_up_s is not None:
             assert memory.delay_s is not None
             said.add(plugin.name)
+        elif memory.delay_s is not None:
+            ends.add(plugin.name)
     assert said == set(BEFORE)
+    assert ends == set(ALL_BEFORE) | TRACKERS
 
 
 @pytest.mark.parametrize("name", BEFORE)
@@ -182,6 +199,22 @@ def test_a_replay_that_begins_by_the_memory_earlier_decides_as_the_whole(name: s
             end_ns = stop_ns + round(memory.delay_s * NS_PER_S)
             part = decided(name, made, begin_ns, end_ns)
             compared += assert_same_span(whole, part, start_ns, stop_ns)
+    assert compared > 10
+
+
+@pytest.mark.parametrize("name", ALL_BEFORE)
+def test_a_replay_that_ends_by_the_delay_later_decides_as_the_whole(name: str) -> None:
+    delay_s = memory_of(name).delay_s
+    assert delay_s is not None
+    rng = np.random.default_rng(len(name))
+    compared = 0
+    made = signals_of(name)[-1]
+    length_s = len(made.samples) / made.stream.rate_hz
+    whole = decided(name, made)
+    for _ in range(3):
+        stop_ns = made.time_of(rng.uniform(length_s / 3, length_s - delay_s))
+        part = decided(name, made, None, stop_ns + round(delay_s * NS_PER_S))
+        compared += assert_same_span(whole, part, None, stop_ns)
     assert compared > 10
 
 
