@@ -767,17 +767,40 @@ class EventKind(NamedTuple):
         return self.topic.rpartition("/")[2]
 
 
+def readable(value: float, digits: int = 4, sign: str = "") -> str:
+    """Return a number as people read it: without an exponent from a billionth to a billion.
+
+    Parameters
+    ----------
+    value
+        The number.
+    digits
+        How many of its digits are told.
+    sign
+        ``+`` for a sign before numbers over zero, too.
+    """
+    text = f"{value:{sign}.{digits}g}"
+    mantissa, found, exponent = text.partition("e")
+    if not found:
+        return text
+    power = int(exponent)
+    if not -9 <= power < 9:
+        return f"{mantissa} × 10^{power}"
+    decimals = len(mantissa.partition(".")[2]) - power
+    return f"{float(text):{sign}.{max(decimals, 0)}f}"
+
+
 def _no_text(event: object) -> str:  # noqa: ARG001
     return ""
 
 
 def _step_text(step: StepEvent) -> str:
     kind = " ".join(filter(None, (step.kind, step.type, step.foot)))
-    return f"{kind} value={step.value:.4g} channels={step.channels}"
+    return f"{kind} value={readable(step.value)} channels={step.channels}"
 
 
 def _pick_text(pick: Pick) -> str:
-    return f"pick {pick.channel} value={pick.value:.4g}"
+    return f"pick {pick.channel} value={readable(pick.value)}"
 
 
 def _fix_text(fix: Fix) -> str:
@@ -789,16 +812,16 @@ def _bearing_text(bearing: Bearing) -> str:
 
 
 def _disturbance_text(span: Disturbance) -> str:
-    return f"disturbed for {_seconds(span.time_ns, span.end_ns)} value={span.value:.4g}"
+    return f"disturbed for {_seconds(span.time_ns, span.end_ns)} value={readable(span.value)}"
 
 
 def _disagreement_text(found: Disagreement) -> str:
-    return f"{found.methods} are {found.distance_m:.3g} m apart, {found.value:.3g} sigma"
+    return f"{found.methods} are {found.distance_m:.3g} m apart, {readable(found.value, 3)} sigma"
 
 
 def _presence_text(span: Presence) -> str:
     seconds = _seconds(span.time_ns, span.end_ns)
-    return f"vehicle heard at {span.channel} for {seconds} value={span.value:.4g}"
+    return f"vehicle heard at {span.channel} for {seconds} value={readable(span.value)}"
 
 
 def _pass_text(one: Pass) -> str:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter, validators
 
+from groundtrace_codecs.events import readable
+
 from ..api.analysis import evidence_with
 from ..api.files import writable
 from ..explain.questions import Kind, Question, explained
@@ -305,7 +307,9 @@ def _effect(before: Figures, after: Figures, reference: str) -> str:
     if reference == "truth":
         parts.append(f"RMSE {before.rmse_m:.2f} -> {after.rmse_m:.2f} m")
     elif np.isfinite(before.residual) and np.isfinite(after.residual):
-        parts.append(f"median residual {before.residual:.3g} -> {after.residual:.3g}")
+        parts.append(
+            f"median residual {readable(before.residual, 3)} -> {readable(after.residual, 3)}"
+        )
     wrong = [f.far + f.rejected + f.missing for f in (before, after)]
     return ", ".join([*parts, f"bad {wrong[0]} -> {wrong[1]}"])
 
@@ -382,7 +386,8 @@ def print_place(found: FixMoment, reference: str) -> None:
         verdict = "pass" if r.passed else "FAIL"
         unit = "" if r.unit == "1" else f" {r.unit}"
         print_line(
-            f"gate {r.gate}: {r.value:.4g}{unit}, threshold {r.threshold:.4g}{unit}: {verdict}"
+            f"gate {r.gate}: {readable(r.value)}{unit}, "
+            f"threshold {readable(r.threshold)}{unit}: {verdict}"
         )
     print_line()
     header = ("channel", "arrival [ms]", "off [ms]", "without it: off [m]", "residual", "")
@@ -508,7 +513,11 @@ def _missed_row(m: Missed, found: StepExplanation) -> tuple[str, ...]:
 
 def _false_row(f: FalseDetection, found: StepExplanation) -> tuple[str, ...]:
     gate = f.narrowest
-    text = "-" if gate is None else f"{gate.gate} {gate.value:.4g} over {gate.threshold:.4g}"
+    text = (
+        "-"
+        if gate is None
+        else f"{gate.gate} {readable(gate.value)} over {readable(gate.threshold)}"
+    )
     answers = "-" if f.pair is None else f.pair.text
     return (f"{f.time_s:.3f}", answers, text, _change_text(f, found))
 
@@ -561,9 +570,9 @@ def print_link(link: Chain) -> None:
     rows = [
         (
             "  " + r.gate,
-            f"{r.value:.5g}",
-            f"{r.threshold:.5g}",
-            f"{r.margin:+.4g}",
+            readable(r.value, 5),
+            readable(r.threshold, 5),
+            readable(r.margin, sign="+"),
             r.unit,
             "pass" if r.passed else "FAIL",
         )
@@ -676,7 +685,8 @@ def _chain(link: Chain) -> list[str]:
     verdict = "accepted" if link.accepted else "rejected"
     head = f"**{link.stage} {link.channel} at {link.time_s:.3f} s: {verdict}**"
     rows = [
-        f"| {r.gate} | {r.value:.4g} | {r.threshold:.4g} | {r.margin:+.3g} "
+        f"| {r.gate} | {readable(r.value)} | {readable(r.threshold)} "
+        f"| {readable(r.margin, 3, '+')} "
         f"| {'pass' if r.passed else '**fail**'} |"
         for r in link.readings
     ]

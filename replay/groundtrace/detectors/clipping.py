@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.events import readable
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .held_values import STEP_PART, WORN, clipped_effect, full_scale, near_scale
@@ -242,7 +243,7 @@ def _clipped(
     tops = [top for _, flat in found for top in flat]
     samples = sum(top.samples for top in tops)
     at = " and ".join(
-        f"{sign * _middle(flat) * channel.scale:.4g} {channel.unit}" for sign, flat in found
+        f"{readable(sign * _middle(flat) * channel.scale)} {channel.unit}" for sign, flat in found
     )
     first = min(tops, key=lambda top: top.start_ns)
     part = percent(samples / heard)
@@ -373,7 +374,9 @@ class Repeats:
 
     def _clipped(self, channel: Channel, sides: list[_RepeatedSide]) -> Finding:
         tops = [side.tops[side.extreme] for side in sides]
-        at = " and ".join(f"{s.sign * s.extreme * channel.scale:.4g} {channel.unit}" for s in sides)
+        at = " and ".join(
+            f"{readable(s.sign * s.extreme * channel.scale)} {channel.unit}" for s in sides
+        )
         scale = near_scale(channel, max(side.extreme for side in sides) * channel.scale)
         share = sum(t.samples for t in tops) / self._heard
         count = sum(t.events for t in tops)

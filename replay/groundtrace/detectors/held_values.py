@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from groundtrace_codecs.events import readable
 from groundtrace_codecs.signals import G0_MPS2, SEISMIC_QUANTITIES
 
 from .signal_faults import FaultSpans, Finding, Rails, percent, times
@@ -392,7 +393,7 @@ def _dropouts(stream: Stream, channel: Channel, tally: FaultSpans, heard: int) -
 
 def level(channel: Channel, value: float) -> str:
     """Return a stored value in the channel's unit, for people."""
-    return f"{value * channel.scale:.4g} {channel.unit}"
+    return f"{readable(value * channel.scale)} {channel.unit}"
 
 
 #: Worn sensors whose limits are looked for in a replay.

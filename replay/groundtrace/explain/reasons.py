@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from groundtrace_codecs.events import Pick, StepEvent
+from groundtrace_codecs.events import Pick, StepEvent, readable
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..detectors.trace import FRAME_S
@@ -364,7 +364,7 @@ def told_apart(value: float, other: float, digits: int = 4) -> tuple[str, str]:
         texts = f"{value:.{precision}g}", f"{other:.{precision}g}"
         shown = float(texts[0]), float(texts[1])
         if (shown[0] < shown[1], shown[0] > shown[1]) == (value < other, value > other):
-            return texts
+            return readable(value, precision), readable(other, precision)
     return f"{value!r}", f"{other!r}"
 
 
@@ -372,13 +372,14 @@ def below(reading: GateReading) -> str:
     """Return value, threshold and margin of a failed gate as a phrase that its numbers bear out."""
     unit = "" if reading.unit == "1" else f" {reading.unit}"
     if np.isnan(reading.value):
-        return f"{reading.gate} is no number, the threshold is {reading.threshold:.4g}{unit}"
+        return f"{reading.gate} is no number, the threshold is {readable(reading.threshold)}{unit}"
     # a time is stored rounded: one that just fails may read as the threshold itself
     at_threshold = reading.value == reading.threshold
     found = reading.threshold - abs(reading.margin) if at_threshold else reading.value
     value, threshold = told_apart(found, reading.threshold)
     sign = "<" if found < reading.threshold else ">"
-    return f"{reading.gate} {value}{unit} {sign} {threshold}{unit} (margin {reading.margin:.3g})"
+    margin = readable(reading.margin, 3)
+    return f"{reading.gate} {value}{unit} {sign} {threshold}{unit} (margin {margin})"
 
 
 def timed(off_s: float) -> str:
@@ -1018,7 +1019,7 @@ def without_filter(part: StageEvidence, found: Unmuted, time_ns: int) -> str:
     unit = "" if first.unit == "1" else f" {first.unit}"
     return (
         f"{FILTERED}: without it a candidate {later_text(found.time_ns - time_ns)} passes every "
-        f"threshold ({first.name} {found.value:.4g}{unit})"
+        f"threshold ({first.name} {readable(found.value)}{unit})"
     )
 
 
@@ -1234,7 +1235,9 @@ def _reached(
     unit = "" if unit == "1" else f" {unit}"
     if floor is None:
         clear = recorded is not None and recorded >= CLEAR_DB
-        return ("shape" if clear else "quiet"), f"{name} reached {reached:.3g}{unit}, not {sought}"
+        return (
+            "shape" if clear else "quiet"
+        ), f"{name} reached {readable(reached, 3)}{unit}, not {sought}"
     value, least = told_apart(reached, floor, 3)
     if reached <= floor:
         text = f"the signal never rose above the floor{but}: {name} reached {value}{unit}, "

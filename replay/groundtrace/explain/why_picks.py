@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.events import SIMULATOR
+from groundtrace_codecs.events import SIMULATOR, readable
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
@@ -538,7 +538,7 @@ def false(picking: Picking, picked: Pick) -> PickReason:
     if gate is None:
         return PickReason("false", "it passed every gate", told)
     sign = "over" if gate.value >= gate.threshold else "under"
-    text = f"{gate.gate} {gate.value:.4g} {sign} {gate.threshold:.4g} let it pass"
+    text = f"{gate.gate} {readable(gate.value)} {sign} {readable(gate.threshold)} let it pass"
     return PickReason("false", text, told)
 
 
@@ -589,7 +589,7 @@ def _value_at(part: StageEvidence, channel: str, time_ns: int) -> str:
     own = _near(part, channel, time_ns, 0)
     if not len(own):
         return ""
-    return f" ({part.spec.columns[0].name} {float(part.candidates.value[own[0], 0]):.3g})"
+    return f" ({part.spec.columns[0].name} {readable(float(part.candidates.value[own[0], 0]), 3)})"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.events import readable
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign
@@ -249,7 +250,8 @@ def _false(
     value = best.value + step * max(abs(best.value), 1e-3) * _BEYOND
     change = f"{part.spec.stage}.{best.parameter}={value:.6g}"
     text = (
-        f"passed all gates; {best.gate} {best.value:.4g}{unit}, threshold {best.threshold:.4g}: "
+        f"passed all gates; {best.gate} {readable(best.value)}{unit}, "
+        f"threshold {readable(best.threshold)}: "
         f"the setting loses {lost[best.gate]} of {len(right)} right ones"
     )
     time_s = (int(part.candidates.time_ns[row]) - evidence.start_ns) / NS_PER_S

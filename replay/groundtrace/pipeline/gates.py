@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, GateSpec
+from groundtrace_codecs.events import CandidateBlock, GateSpec, readable
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -108,8 +108,9 @@ def never_passed(
         What the values of gates can reach, by the gate's name.
     """
     return [
-        f"{topic}: {stage} accepts nothing: {gate.parameter} is {gate.threshold:.4g}, "
-        f"but {gate.name} reaches {reach[gate.name].most:.4g} at most ({reach[gate.name].why})"
+        f"{topic}: {stage} accepts nothing: {gate.parameter} is {readable(gate.threshold)}, "
+        f"but {gate.name} reaches {readable(reach[gate.name].most)} at most "
+        f"({reach[gate.name].why})"
         for gate in gates
         if gate.at_least
         and gate.name in reach

@@ -1,15 +1,21 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from viewer_sessions import IMU, NAMES, SEISMIC, room_session
 
-from groundtrace_viewers.rerun.decisions import readable
 from groundtrace_viewers.rerun.timeline import (
     AXIS_COLOURS,
+    FALSE,
+    FIX_COLOURS,
+    HEADING_COLOURS,
+    LEFT,
+    MISSED,
+    RIGHT,
     SENSOR_COLOUR_NAMES,
     SENSOR_COLOURS,
     STEP_COLOURS,
+    TRUTH,
+    TYPE_COLOURS,
     SensorColours,
     heat,
 )
@@ -58,8 +64,9 @@ def test_the_axes_have_no_colour_that_says_right_wrong_left_or_right() -> None:
     assert said.isdisjoint(AXIS_COLOURS.values())
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(4.933, "4.93"), (0.00123, "0.00123"), (2760.4, "2760"), (3e7, "3e+07")]
-)
-def test_values_are_short(value: float, text: str) -> None:
-    assert readable(value) == text
+def test_nothing_but_what_is_false_is_pink() -> None:
+    others = (*FIX_COLOURS, *HEADING_COLOURS.values(), *TYPE_COLOURS.values())
+    reds, greens, blues = (np.array([(c >> s) & 0xFF for c in others]) for s in (24, 16, 8))
+    pink = (reds - greens > 60) & (blues - greens > 30)
+    assert not pink.any()
+    assert {MISSED, FALSE, LEFT, RIGHT, TRUTH}.isdisjoint(others)

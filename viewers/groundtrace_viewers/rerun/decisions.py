@@ -24,6 +24,7 @@ from groundtrace_codecs.events import (
     StageSpec,
     StepEvent,
     TraceBlock,
+    readable,
 )
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -802,11 +803,6 @@ TOGETHER = {"ignore": "walking", "trailing": "step"}
 GAP_COLOURS = {"missing": LOSS, "damage": LOSS, "clock step": IMPACT, "duplicate": SPAN}
 
 
-def readable(value: float) -> str:
-    """Return a number with three digits, without an exponent where it has few more."""
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
-
-
 class PickView(View):
     """Picks of the stage with the last word: marks on the waveform, rows of a table, log lines."""
 
@@ -831,7 +827,9 @@ class PickView(View):
             return
         spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
         where = self._timeline.seconds(pick.time_ns)
-        text = f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value)} ({pick.stage})"
+        text = (
+            f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value, 3)} ({pick.stage})"
+        )
         self._lines.add("picks", pick.time_ns, text, "INFO")
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
@@ -891,7 +889,7 @@ class StepView(View):
         what = " ".join(filter(None, (step.type or step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
-        text = f"{where}  {what}, peak {readable(step.value)}{seen} ({step.stage})"
+        text = f"{where}  {what}, peak {readable(step.value, 3)}{seen} ({step.stage})"
         self._lines.add("steps", step.time_ns, text, "INFO")
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002

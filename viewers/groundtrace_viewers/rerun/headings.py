@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from groundtrace.evaluation.matching import STEP_TOLERANCE_S
-from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading, StageSpec
+from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading, StageSpec, readable
 from groundtrace_codecs.signals import NS_PER_S
 
 from .context import View
@@ -512,7 +512,7 @@ def _compared(gate: GateSpec, value: float) -> str:
     """Return a gate's value beside its threshold."""
     sign = ">" if value > gate.threshold else "<"
     unit = f" {gate.unit}" if gate.unit not in ("", "1") else ""
-    return f"{gate.name} {value:.3g} {sign} {gate.threshold:g}{unit}"
+    return f"{gate.name} {readable(value, 3)} {sign} {readable(gate.threshold)}{unit}"
 
 
 def _at(degrees: float, radius: float) -> tuple[float, float]:

@@ -32,6 +32,7 @@ from groundtrace_codecs.events import (
     Pick,
     StageSpec,
     StepEvent,
+    readable,
 )
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -365,7 +366,7 @@ def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
 def _step_text(step: StepEvent) -> str:
     """Return what is known of a step: its foot and type, how high it rose, who saw it."""
     seen = f"{step.channels} channels" if step.channels > 1 else ""
-    value = f"peak {step.value:.3g}" if np.isfinite(step.value) else ""
+    value = f"peak {readable(step.value, 3)}" if np.isfinite(step.value) else ""
     return ", ".join(filter(None, (step.foot, step.type, value, seen)))
 
 
@@ -429,9 +430,9 @@ def _mended(moment: PageMoment, remedy: Remedy | None, gates: Sequence[GateReadi
     shown = tuple(
         PageGate(
             gate.gate,
-            f"{gate.value:.4g}",
+            readable(gate.value),
             "\u2265" if gate.value >= gate.threshold else "<",
-            f"{gate.threshold:.4g}",
+            readable(gate.threshold),
             "" if gate.unit == "1" else gate.unit,
             doublings(gate.value, gate.threshold, passed=gate.passed),
             gate.passed,

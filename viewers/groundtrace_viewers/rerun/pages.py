@@ -637,7 +637,7 @@ arrivals of each sensor err on their own.
 taken to be in a region beyond its neighbours. A ring marks a region that is ambiguous: tiny, \
 like one far away but for two signs, or mostly confused.
 * **Sensors**: a disc's size is by how much the mean error rises without that sensor. Turquoise: \
-the best place tried for one more; pink: the best for the sensor that counts least, moved along \
+the best place tried for one more; peach: the best for the sensor that counts least, moved along \
 the line.
 * The velocity of the hyperbolic fit is calibrated in the same room without errors, and no arrival \
 is late or missing: recordings will be worse. The power law is fitted by least squares.

@@ -363,8 +363,8 @@ OUTLINE = 0x8A94A0FF
 TRUTH = 0xB7A6FFFF
 TRACE = 0xB4BCC6FF
 NORM = 0xF2F2F2FF
-#: Of places found, by the order of their stages.
-FIX_COLOURS = (0xFF6FB5FF, 0x2FE6D6FF, 0xFFFFFFFF, 0x9E7BD6FF)
+#: Of places found, by the order of their stages: none is that of a verdict, a foot or the truth.
+FIX_COLOURS = (0xFFC9A3FF, 0x2FE6D6FF, 0xFFFFFFFF, 0xC7A35CFF)
 #: Of courses, the last word first; of vehicles, by number; of estimators of a ratio.
 COURSE_COLOURS = (0xB6F23CFF, 0xFF7A6BFF, 0x3DDCA0FF, 0xFFE45CFF)
 VEHICLE_COLOURS = (0xB6F23CFF, 0x35C9F0FF, 0xFFE45CFF, 0xFF7A6BFF)
@@ -397,7 +397,7 @@ FALSE = 0xE85AD8FF
 DISAGREEMENT = 0xFFD23FFF
 STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
 #: Types of steps, besides left and right; the second contact of a side step.
-TYPE_COLOURS = {"forward": STEP, "backward": 0xE85AD8FF, "trailing": 0x7A8794FF}
+TYPE_COLOURS = {"forward": STEP, "backward": 0x2FE6D6FF, "trailing": 0x7A8794FF}
 #: Of what people marked; steps by foot and type are as everywhere.
 ANNOTATION_COLOURS = {
     "missed": 0xE8702AFF,
@@ -416,7 +416,12 @@ CURVE, VALLEY, REFUSED = 0xC9D2DBFF, 0x56B4E9FF, 0xFF7A6BFF
 #: Masses on a peak, none, and either, and the conflict.
 PEAK, NO_PEAK, EITHER, CONFLICT = 0x4CE08AFF, 0xFF7A6BFF, 0x8A94A0FF, 0xFFD23FFF
 #: Headings by the order of their stages; spans in which they are disturbed.
-HEADING_COLOURS = {"green": 0xB6F23CFF, "blue": 0x35A9F0FF, "pink": 0xFF6FB5FF, "white": 0xF2F2F2FF}
+HEADING_COLOURS = {
+    "green": 0xB6F23CFF,
+    "blue": 0x35A9F0FF,
+    "peach": 0xFFC9A3FF,
+    "white": 0xF2F2F2FF,
+}
 DISTURBED, DISTURBED_SHADE = 0xC8862AFF, 0xE0A04AFF
 WAYPOINT, SATELLITE = 0xFFFFFFFF, 0x35C9F0FF
 

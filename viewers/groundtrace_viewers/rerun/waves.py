@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, StepEvent
+from groundtrace_codecs.events import CandidateBlock, StepEvent, readable
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from .context import View
-from .decisions import readable
 from .sketch import Sketch, crosses, ticks
 from .timeline import ACCEPTED, FAINT, MISSED, OUTLINE, TRACE, TRUTH, Entity
 from .wrong_decisions import TOLERANCE_NS
@@ -267,7 +266,7 @@ class StepWaves(View):
             values = [
                 (
                     (WIDE + 12.0, height[n] - LABEL_UP),
-                    readable(heard[n].value) if n in heard else "-",
+                    readable(heard[n].value, 3) if n in heard else "-",
                 )
                 for n in wanted
             ]

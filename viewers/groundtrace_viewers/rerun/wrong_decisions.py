@@ -16,7 +16,14 @@ import numpy as np
 
 from groundtrace.evaluation.matching import answers_text, found_text, match_steps, timing_pairs
 from groundtrace.pipeline.results import Provenance, Results, evidence_of, replayed_labels
-from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, StepEvent, TraceBlock
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Gap,
+    StageSpec,
+    StepEvent,
+    TraceBlock,
+    readable,
+)
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .context import View
@@ -373,7 +380,8 @@ def let_pass(gate: GateReading | None) -> str:
     if gate is None:
         return "it passed every gate"
     unit = "" if gate.unit == "1" else f" {gate.unit}"
-    return f"let pass by {gate.gate} {gate.value:.4g}{unit} (threshold {gate.threshold:.4g}{unit})"
+    value, threshold = readable(gate.value), readable(gate.threshold)
+    return f"let pass by {gate.gate} {value}{unit} (threshold {threshold}{unit})"
 
 
 def _mended(remedy: Remedy | None, none: str) -> tuple[str, str]:
@@ -623,13 +631,13 @@ class Ring(NamedTuple):
 def _limit(gate: GateReading) -> str:
     """Return a gate's name and threshold; which side passes follows from the margin's sign."""
     at_least = (gate.value >= gate.threshold) == gate.passed
-    return f"{gate.gate} {'≥' if at_least else '≤'} {gate.threshold:.3g}"
+    return f"{gate.gate} {'≥' if at_least else '≤'} {readable(gate.threshold, 3)}"
 
 
 def _value(gate: GateReading) -> str:
     if not np.isfinite(gate.value):
         return "no limit met" if gate.passed else "no number"
-    return f"{gate.value:.3g} ({gate.margin:+.2g})"
+    return f"{readable(gate.value, 3)} ({readable(gate.margin, 2, '+')})"
 
 
 #: Shapes of gates in their plot, with what the title calls them.

@@ -34,6 +34,7 @@ from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.annotations import RecordingKey, annotated, sidecar_path
 from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.events import readable
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
@@ -285,7 +286,7 @@ def _verdicts(matching: StepMatch | None) -> dict[int, str]:
 
 
 def _value(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else ""
+    return readable(value, 3) if math.isfinite(value) else ""
 
 
 def _places(said: ResultEvents) -> Callable[[StepEvent], str]:
