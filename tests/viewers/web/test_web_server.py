@@ -378,6 +378,7 @@ def test_a_connection_that_stalls_is_closed(
     monkeypatch: pytest.MonkeyPatch, request_: bytes
 ) -> None:
     monkeypatch.setattr(server, "STALL_S", 0.3)
+    monkeypatch.setattr(server, "TAKEN_S", 0.3)
     monkeypatch.setattr("uvicorn.Server.capture_signals", lambda _: nullcontext())
     listening = listen(0)
     port = listening.getsockname()[1]

@@ -146,9 +146,13 @@ def refusal(status: int, text: str) -> JSONResponse:
     return JSONResponse({"error": " ".join(text.split())}, status)
 
 
-#: What a client keeps waiting for longer is broken off [s]: the head of a request, its body, or
-#: taking the next part of an answer. Chosen by judgement: a page here takes milliseconds.
+#: What a client keeps waiting for longer is broken off [s]: the head of a request, and its body.
+#: Chosen by judgement: a page here takes milliseconds.
 STALL_S = 10.0
+#: The same of taking the next part of an answer [s]: a browser that compiles the viewer, or draws
+#: it without a graphics card on a busy machine, takes nothing for so long. Chosen by trial: at a
+#: load of 15 on two cores 10 s broke an answer off.
+TAKEN_S = 120.0
 
 
 class Gate:
@@ -180,7 +184,7 @@ class Gate:
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).update(HEADERS)
-            async with asyncio.timeout(STALL_S):
+            async with asyncio.timeout(TAKEN_S):
                 await send(message)
 
         whole = False

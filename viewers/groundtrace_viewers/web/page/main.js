@@ -1,6 +1,6 @@
 /* The page: the viewer, the clock that moves its cursor, the lists, and the marks. */
 
-import { asset, bytes_of, document_of } from "./assets.js";
+import { answer_of, bytes_of, bytes_or_address, document_of } from "./assets.js";
 import { Decision, Tuning } from "./decision.js";
 import { both_clocks, complain, el, say } from "./dom.js";
 import { Jumps } from "./jumps.js";
@@ -11,7 +11,7 @@ import { Player } from "./player.js";
 import { exported, save } from "./exchange.js";
 import { BrowserStore, ServerStore } from "./stores.js";
 import { Strip } from "./strip.js";
-import { Viewer } from "./viewer.js";
+import { compiled, Viewer } from "./viewer.js";
 
 const byId = (id) => document.getElementById(id);
 /** A sample of a recording whose rate the page was not told [s]. */
@@ -251,10 +251,8 @@ class Page {
   }
 
   /** Start the viewer, go to where the page opens, and show the marks. */
-  async start() {
-    const [wasm, layout, recording] = await Promise.all(
-      [asset("re_viewer_bg.wasm"), bytes_of("layout.rrd"), asset("replay.rrd")]);
-    const started = this.viewer.start(byId("viewer"), wasm, layout, recording);
+  async start(layout, recording) {
+    const started = this.viewer.start(byId("viewer"), layout, recording);
     if (this.marking) await this.marks.load();
     await started;
     byId("status").hidden = true;
@@ -311,8 +309,11 @@ class Page {
 
 async function main() {
   try {
-    const page = new Page(await document_of("page.json"), await document_of("moments.json"));
-    await page.start();
+    const program = compiled(answer_of("re_viewer_bg.wasm")); // it takes longest: nothing comes before it
+    const [config, moments, layout, recording] = await Promise.all([
+      document_of("page.json"), document_of("moments.json"), bytes_of("layout.rrd"),
+      bytes_or_address("replay.rrd"), program]);
+    await new Page(config, moments).start(layout, recording);
   } catch (error) {
     byId("status").hidden = true;
     complain(error.message ?? String(error));

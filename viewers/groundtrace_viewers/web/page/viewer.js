@@ -32,6 +32,12 @@ export function cursor_message(timeline, ns) {
   return new Uint8Array(field(6, [...name, ...time, ...varint(5 << 3), PAUSED]));
 }
 
+/** Compile the viewer, while its program is still read. */
+export async function compiled(answer) {
+  await wasm_bindgen({ module_or_path: answer });
+  performance.mark("viewer-compiled");
+}
+
 export class Viewer {
   /**
    * @param {string} timeline its name
@@ -48,13 +54,11 @@ export class Viewer {
   }
 
   /**
-   * Start the viewer in a canvas and open a recording: its bytes or its address.
+   * Start the compiled viewer in a canvas and open a recording: its bytes or its address.
    *
    * The layout goes first: without one the viewer makes its own, and then keeps that.
    */
-  async start(canvas, wasm, layout, recording) {
-    await wasm_bindgen({ module_or_path: wasm });
-    performance.mark("viewer-compiled");
+  async start(canvas, layout, recording) {
     this.handle = new wasm_bindgen.WebHandle({
       url: [],
       hide_welcome_screen: true,
