@@ -3,7 +3,8 @@
 Each pipeline replays a simulated walk of its own placement several times, warm, on one core, as the
 command line does; the median CPU time counts: from file to decisions, in blocks as ``replay`` joins
 them, and from blocks of several lengths that were read before. Reading alone stands beside it: the
-same file, every stream, no pipeline.
+same file, every stream, no pipeline. A last line compares ``waist-steps`` with itself without the
+second network of the score, in turn: candidates then keep their likeness as score.
 """
 
 from __future__ import annotations
@@ -13,9 +14,13 @@ import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest import mock
 
-from timing import alone, median_s, on_one_core
+import numpy as np
+from timing import alone, interleaved, median_s, on_one_core
 
+from groundtrace.detectors import adaptive
+from groundtrace.detectors.step_score import INPUTS, ScorePeaks
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
@@ -25,8 +30,13 @@ from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from groundtrace.detectors.step_score import Scores
     from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import SignalBlock
+
+    Array = np.ndarray
 
 PIPELINES = {
     "waist-steps": "waist",
@@ -76,6 +86,40 @@ def main() -> None:
             rates = [options.seconds / median_s(case, options.runs) for case in cases]
             columns = "".join(f"{rate:8.0f}" for rate in rates[1:])
             print(f"{name:16}{rates[0]:10.0f}{columns}", flush=True)
+        items = read(Path(folder) / "waist.mcap", LENGTHS_S[-1])
+        both = partial(preloaded, items, "waist-steps")
+        times = interleaved({"both": both, "first": partial(without_second, both)}, options.runs)
+        ratio = times["both"] / times["first"]
+        print(f"waist-steps: {ratio:.2f} times the CPU time of its first network alone")
+
+
+class Unjudged:
+    """Candidates by the first network alone, in place of what brings surroundings together."""
+
+    def __init__(self) -> None:
+        self._peaks = ScorePeaks()
+
+    def __call__(self, _: Array, said: Scores, step_s: Array) -> tuple[Array, Array]:
+        """Take points; return candidates, with surroundings that nobody looks at."""
+        return _unseen(self._peaks(said, step_s))
+
+    def flush(self) -> tuple[Array, Array]:
+        """Return those that waited."""
+        return _unseen(self._peaks.flush())
+
+
+def _unseen(rows: Array) -> tuple[Array, Array]:
+    return rows, np.empty((len(rows), INPUTS))
+
+
+def without_second(case: Callable[[], None]) -> None:
+    """Run a case with the likeness of each candidate taken for its score."""
+    with mock.patch.multiple(adaptive, Surroundings=Unjudged, judged=_likeness):
+        case()
+
+
+def _likeness(rows: Array, *_: object) -> Array:
+    return np.insert(rows, 2, rows[:, 1], axis=1)
 
 
 def preloaded(items: list[SignalBlock | Gap], pipeline: str) -> None:
