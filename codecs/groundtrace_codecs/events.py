@@ -775,7 +775,7 @@ def readable(value: float, digits: int = 4, sign: str = "") -> str:
     value
         The number.
     digits
-        How many of its digits are told.
+        How many of its digits are told; all of them before the point.
     sign
         ``+`` for a sign before numbers over zero, too.
     """
@@ -786,8 +786,9 @@ def readable(value: float, digits: int = 4, sign: str = "") -> str:
     power = int(exponent)
     if not -9 <= power < 9:
         return f"{mantissa} × 10^{power}"
-    decimals = len(mantissa.partition(".")[2]) - power
-    return f"{float(text):{sign}.{max(decimals, 0)}f}"
+    if power > 0:
+        return f"{value:{sign}.0f}"
+    return f"{float(text):{sign}.{len(mantissa.partition('.')[2]) - power}f}"
 
 
 def _no_text(event: object) -> str:  # noqa: ARG001

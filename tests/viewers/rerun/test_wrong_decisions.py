@@ -158,9 +158,9 @@ def test_at_every_miss_the_card_says_what_why_and_what_mends_it(
         assert missed.remedy is not None
         assert f"`--set {missed.remedy.settings[0]}`" in card
         assert f"missed 21 → {missed.remedy.after.fn}," in card
-    right = [text for text in cards.values() if text.startswith("**Right")]
+    right = [text for text in cards.values() if text.startswith("### Right")]
     assert len(right) == explained.counts.tp
-    numbers = [re.match(r"\*\*(?:Right|Missed): step (\d+),", text) for text in cards.values()]
+    numbers = [re.match(r"### (?:Right|Missed): step (\d+),", text) for text in cards.values()]
     assert sorted(int(found[1]) for found in numbers if found) == list(range(1, 75))
 
 
@@ -170,7 +170,7 @@ def test_beyond_some_wrong_steps_the_card_says_who_looks_for_a_change(
     monkeypatch.setattr("groundtrace_viewers.rerun.wrong_decisions.MOST_MENDED", 2)
     rrd, _ = replay_bundled(tmp_path, f"steps.height={HEIGHT}")
     _, texts = read_back(rrd, CARD, "TextDocument:text")
-    missed = [text for [text] in texts if text.startswith("**Missed")]
+    missed = [text for [text] in texts if text.startswith("### Missed")]
     assert ["--set steps" in text for text in missed] == [True] * 2 + [False] * (len(missed) - 2)
     assert all("groundtrace why --step" in text for text in missed[2:])
 
@@ -228,7 +228,7 @@ def test_a_missed_pass_says_which_gate_and_what_mends_it(tmp_path: Path) -> None
     _, texts = read_back(rrd, CARD, "TextDocument:text")
     assert len(texts) == 1 + 3, "three stations, and before the first"
     for [text] in texts[1:]:
-        assert text.startswith("**Missed: pass of V1 at S")
+        assert text.startswith("### Missed: pass of V1 at S")
         assert "`--set passes.fast_leg=" in text
 
 

@@ -310,8 +310,8 @@ class Decision:
     def card(self) -> str:
         """All of it, markdown."""
         mended = f"`{self.remedy}`" if self.remedy.startswith("--set") else self.remedy
-        lines = (f"**{self.title}**", self.cause, mended, self.effect)
-        return "  \n".join(filter(None, lines))
+        lines = filter(None, (self.cause, mended, self.effect))
+        return f"### {self.title}\n\n" + "  \n".join(lines)
 
 
 #: Remedies are looked for of so many missed, and so many false steps of a recording. Chosen by
