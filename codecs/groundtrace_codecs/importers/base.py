@@ -344,8 +344,11 @@ class Importer(Protocol):
 
 #: A grid holds where no sample lies further from it than this part of a period ...
 _JITTER = 0.01
-#: ... or than this part of the step the times were rounded to (a bit over one half).
-_ROUNDING = 0.55
+#: ... or than this part of the step the times were rounded to (a bit over one half), but never more
+#: than this part of a period: 0.55 of a step of half a period, and beyond it any times would fit.
+_ROUNDING, _LARGEST = 0.55, 0.28
+#: So many steps of one and of two roundings, all on one even line, are a rate and no losses.
+_EACH = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -508,6 +511,14 @@ def even(times_ns: Column) -> Timing:
 def fit(times_ns: Column) -> Timing:
     """Return the timing behind ``times_ns``: a grid where one holds, else the times themselves.
 
+    Assumed is that samples come evenly, that most of them are there, and that their times are
+    rounded, up, down or to the nearest, to a step: the greatest that all differences are multiples
+    of. A rounded period then appears as the multiples of the step on its two sides, and the rate is
+    the slope of the count of samples over time. Of a step up to half a period that is unambiguous:
+    one missing sample makes a longer difference than any rounding. Of a longer one a difference of
+    two steps is a period rounded up or a loss; it is the first where there are ten and all samples
+    are on one even line.
+
     A grid holds where every time lies on it within 1 % of a period, or within half of the step
     the times were rounded to. Missing samples leave holes in the grid. Where a clock was set back,
     the grid goes on as if it had not been.
@@ -522,43 +533,99 @@ def fit(times_ns: Column) -> Timing:
         return replace(on, times_ns=None if on.times_ns is None else times_ns, set_back=back)
     usual = median(lambda: (step[step > 0] for step in steps(times_ns)))
     whole = int(np.gcd.reduce([np.gcd.reduce(step) for step in steps(times_ns) if len(step)]))
-    tolerance = max(_JITTER * usual, min(_ROUNDING * float(whole), 0.25 * usual))
     first_ns = int(times_ns[:1][0])
-    for period, offset in _periods(times_ns, usual):
-        index = _places(times_ns, period, offset, tolerance)
+    for period, offset, tolerance, one in _grids(times_ns, usual, whole):
+        index = _places(times_ns, period, offset, tolerance, one)
         if index is not None:
             return Timing(NS_PER_S / period, first_ns + round(offset), index, None)
     return Timing(NS_PER_S / usual, first_ns, None, times_ns)
 
 
-def _places(times_ns: Column, period: float, offset: float, tolerance: float) -> Column | None:
-    """Return the place of each time on a grid [ns], None where one lies too far from it."""
+def _places(
+    times_ns: Column, period: float, offset: float, tolerance: float, one: int
+) -> Column | None:
+    """Return the place of each time on a grid [ns], None where one lies too far from it.
+
+    None too where a difference of at most ``one`` is not one place.
+    """
     first_ns = int(times_ns[:1][0])
 
     def places(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         relative = (times_ns[rows] - first_ns).astype(np.float64)
         return relative, np.rint((relative - offset) / period)
 
-    for rows in pieces(len(times_ns)):
-        relative, index = places(rows)
+    for rows, step in zip(pieces(len(times_ns)), steps(times_ns), strict=True):
+        relative, index = places(slice(max(0, rows.start - 1), rows.stop))
         if index.min() < 0 or np.abs(relative - offset - index * period).max() > tolerance:
+            return None
+        if (np.diff(index)[(step > 0) & (step <= one)] != 1).any():
             return None
     first = int(places(slice(0, 1))[1][0])
     return Computed(len(times_ns), lambda rows: places(rows)[1].astype(np.int64) - first)
 
 
-def _periods(times_ns: Column, usual: float) -> Iterator[tuple[float, float]]:
-    """Yield (period, offset) [ns] to try: a whole rate, a whole period, the best line."""
-    rate = round(NS_PER_S / usual)
+def _grids(times_ns: Column, usual: float, whole: int) -> Iterator[tuple[float, float, float, int]]:
+    """Yield (period, offset, tolerance, longest of one period for certain) [ns], likeliest first.
+
+    A whole rate, the usual difference as it is, the whole rate with the first time rounded as the
+    others are, and the slope of the count over the times.
+    """
+    mean = _unrounded(times_ns, usual, whole)
+    tolerance = max(_JITTER * mean, min(_ROUNDING * float(whole), _LARGEST * mean))
+    if mean < 2 * whole and (line := _slope(times_ns, mean, 2 * whole)):
+        yield *line, _ROUNDING * whole, 2 * whole
+    rate = round(NS_PER_S / mean)
     if rate:
-        yield NS_PER_S / rate, 0.0
-    yield usual, 0.0
+        yield NS_PER_S / rate, 0.0, tolerance, 0
+    yield usual, 0.0, tolerance, 0
+    line = _slope(times_ns, mean, 0)
+    if line is None:
+        return
+    if rate and tolerance > _JITTER * mean:
+        yield NS_PER_S / rate, _offset(times_ns, NS_PER_S / rate), tolerance, 0
+    yield *line, tolerance, 0
+
+
+def _unrounded(times_ns: Column, usual: float, whole: int) -> float:
+    """Return the mean of the differences that are one period rounded to ``whole`` [ns].
+
+    They are multiples n and n + 1 of it, of which there are most about the usual one.
+    """
+    middle = int(usual // whole)
+    around = np.arange(middle - 1, middle + 2)
+    count = np.zeros(3, np.int64)
+    for step in steps(times_ns):
+        count += [int((step == n * whole).sum()) for n in around]
+    count[around <= 0] = 0
+    first = 0 if count[0] + count[1] > count[1] + count[2] else 1
+    held, at = count[first : first + 2], around[first : first + 2]
+    return float(held @ at * whole / held.sum()) if held.sum() else usual
+
+
+def _offset(times_ns: Column, period: float) -> float:
+    """Return where on a grid of a period rounded times lie in the mean, from the first of them."""
+    first_ns, turn = int(times_ns[:1][0]), 2j * np.pi / period
+    sums = (np.exp(turn * (times_ns[r] - first_ns)).sum() for r in pieces(len(times_ns)))
+    return float(np.angle(sum(sums)) * period / (2 * np.pi))
+
+
+def _slope(times_ns: Column, period: float, one: int) -> tuple[float, float] | None:
+    """Return (period, offset) [ns] of the line of least squares through times over their count.
+
+    From one time to the next so many samples have passed as there are periods in between; or one
+    where the difference is at most ``one``, of which ten of half of it and ten of all of it are
+    asked for. None where there is no such line.
+    """
     count, first_ns = len(times_ns), int(times_ns[:1][0])
+    if one:
+        halves = sum(int((step == one // 2).sum()) for step in steps(times_ns))
+        if min(halves, sum(int((step == one).sum()) for step in steps(times_ns))) < _EACH:
+            return None
 
     def of_line() -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
         place = 0.0
         for rows, step in zip(pieces(count), steps(times_ns), strict=True):
-            passed = np.rint(step / usual)
+            passed = np.where((step > 0) & (step <= one), 1.0, np.rint(step / period))
             if rows.start == 0:
                 passed = np.concatenate(([0.0], passed))
             places = place + np.cumsum(passed)
@@ -568,7 +635,7 @@ def _periods(times_ns: Column, usual: float) -> Iterator[tuple[float, float]]:
     mean = sum(float(places.sum()) for places, _ in of_line()) / count
     mean_ns = sum(float(relative.sum()) for _, relative in of_line()) / count
     spread = sum(float((places - mean) @ (places - mean)) for places, _ in of_line())
-    if spread:
-        slope = sum(float((places - mean) @ relative) for places, relative in of_line()) / spread
-        if slope > 0:
-            yield slope, mean_ns - slope * mean
+    if not spread:
+        return None
+    slope = sum(float((places - mean) @ relative) for places, relative in of_line()) / spread
+    return (slope, mean_ns - slope * mean) if slope > 0 else None

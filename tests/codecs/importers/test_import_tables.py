@@ -14,7 +14,10 @@ from groundtrace_codecs.importers.map import load_map
 from groundtrace_codecs.importers.tables import DelimitedImporter, MatlabImporter, NumpyImporter
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from groundtrace_codecs.importers.base import Imported
     from groundtrace_codecs.signals import SignalBlock, Stream
@@ -150,6 +153,47 @@ def test_times_rounded_to_milliseconds_still_show_their_grid() -> None:
     assert timing.index is not None
     assert timing.rate_hz == pytest.approx(285.7142857, rel=1e-6)
     assert np.abs(timing[:] - times).max() <= 600_000
+
+
+#: How a device rounds: n / d to whole numbers.
+ROUNDINGS: dict[str, Callable[[int, int], int]] = {
+    "down": lambda n, d: n // d,
+    "to the nearest": lambda n, d: (2 * n + d) // (2 * d),
+    "up": lambda n, d: -(-n // d),
+}
+
+
+def in_whole_ms(places: NDArray[np.int64], rate_hz: int, rounding: str) -> NDArray[np.int64]:
+    """Return the times [ns] of places on a grid that begins at 0.37 ms, rounded to whole ms."""
+    parts = [37 * rate_hz + 100_000 * k for k in places.tolist()]
+    rounded = ROUNDINGS[rounding]
+    return np.array([rounded(n, 100 * rate_hz) for n in parts], np.int64) * 1_000_000
+
+
+@pytest.mark.parametrize("rounding", ROUNDINGS)
+@pytest.mark.parametrize("rate_hz", [1000, 500, 490, 400, 333, 256, 240, 120, 60, 7])
+def test_the_rate_behind_whole_milliseconds_is_found_and_only_true_gaps_are_gaps(
+    rate_hz: int, rounding: str
+) -> None:
+    rng = np.random.default_rng(rate_hz)
+    lost = np.zeros(4000, np.bool_)
+    for at in rng.integers(10, 3900, 25):
+        lost[at : at + int(rng.choice([1, 1, 2, 7, 50]))] = True
+    for places in (np.arange(4000), np.flatnonzero(~lost)):
+        timing = fit(in_whole_ms(places, rate_hz, rounding))
+        assert timing.rate_hz == pytest.approx(rate_hz, rel=1e-6)
+        assert timing.index is not None
+        np.testing.assert_array_equal(timing.index[:], places - places[0])
+
+
+@pytest.mark.parametrize("rate_hz", [800, 700, 600])
+def test_milliseconds_of_more_than_half_a_period_show_the_rate_of_a_stream_without_losses(
+    rate_hz: int,
+) -> None:
+    timing = fit(in_whole_ms(np.arange(4000), rate_hz, "down"))
+    assert timing.rate_hz == pytest.approx(rate_hz, rel=1e-4)
+    assert timing.index is not None
+    np.testing.assert_array_equal(timing.index[:], np.arange(4000))
 
 
 def test_times_that_go_back_are_kept_and_told(tmp_path: Path) -> None:
