@@ -51,6 +51,9 @@ class Column(Protocol):
 class Computed:
     """A column of which each piece is made when it is read.
 
+    What is longer than a piece is made piece by piece: one column of a wide table then takes the
+    memory of that column.
+
     Attributes
     ----------
     count
@@ -67,7 +70,11 @@ class Computed:
 
     def __getitem__(self, rows: slice, /) -> NDArray[Any]:
         start, stop, _ = rows.indices(self.count)
-        return self.made(slice(start, max(start, stop)))
+        if stop - start <= PIECE:
+            return self.made(slice(start, max(start, stop)))
+        edges = [*range(start, stop, PIECE), stop]
+        # copies: a piece may be one column of rows that would stay in memory with it
+        return np.concatenate([np.array(self.made(slice(a, b))) for a, b in pairwise(edges)])
 
 
 def pieces(count: int, columns: int = 1) -> Iterator[slice]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 import warnings
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,14 @@ from groundtrace_codecs.importers import phone, seismic, stored
 from groundtrace_codecs.importers.base import fit
 from groundtrace_codecs.importers.map import sample_format
 from groundtrace_codecs.importers.run import import_recording
-from groundtrace_codecs.importers.stored import Spool, StoredArray, median, picked, rows_in
+from groundtrace_codecs.importers.stored import (
+    Computed,
+    Spool,
+    StoredArray,
+    median,
+    picked,
+    rows_in,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -170,6 +178,19 @@ def test_the_smallest_format_that_keeps_all_is_taken(values: list[float], name: 
     found, samples = sample_format(np.array(values, np.float64).reshape(-1, 1))
     assert found == name
     np.testing.assert_array_equal(samples[:], np.array(values).reshape(-1, 1))
+
+
+def test_one_column_of_a_wide_table_takes_the_memory_of_one_column() -> None:
+    rows, columns = 100_000, 20
+    spool = Spool(np.int64, (columns,))
+    spool.write(np.arange(rows * columns).reshape(rows, columns))
+    column = Computed(rows, lambda piece: spool[piece][:, 3])
+    tracemalloc.start()
+    found = column[:]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(found, np.arange(rows) * columns + 3)
+    assert peak < columns / 2 * found.nbytes
 
 
 def test_a_grid_is_found_over_many_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
