@@ -538,7 +538,9 @@ def false(picking: Picking, picked: Pick) -> PickReason:
     if gate is None:
         return PickReason("false", "it passed every gate", told)
     sign = "over" if gate.value >= gate.threshold else "under"
-    text = f"{gate.gate} {readable(gate.value)} {sign} {readable(gate.threshold)} let it pass"
+    unit = "" if gate.unit == "1" else f" {gate.unit}"
+    measured, threshold = readable(gate.value), readable(gate.threshold)
+    text = f"{gate.gate} {measured}{unit} {sign} {threshold}{unit} let it pass"
     return PickReason("false", text, told)
 
 

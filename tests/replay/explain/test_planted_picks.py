@@ -272,7 +272,9 @@ def assert_numbers_agree(bad: Any, tolerance_ms: float) -> None:
         r"(-?\d\S*)(?: \w+)? ([<>]) (\S+)(?: \w+)? \(margin -", text
     ):
         assert float(value) < float(bound) if sign == "<" else float(value) > float(bound)
-    for value, sign, bound in re.findall(r"(\S+) (over|under) (\S+) let it pass", text):
+    for value, sign, bound in re.findall(
+        r"(-?\d\S*)(?: \w+)? (over|under) (\S+)(?: \w+)? let it pass", text
+    ):
         assert float(value) >= float(bound) if sign == "over" else float(value) <= float(bound)
     if "failed" in text:
         gate = next(r for r in bad["reason"]["readings"] if not r["passed"])

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from vehicle_powers import fluctuating
 
 from groundtrace.vehicles.medium import Scatter, cube_root_normalised, scatter_of
 from groundtrace.vehicles.passes import station_peaks
-from groundtrace.vehicles.traffic import RoadPowers, RoadVehicle, Stretch, Vehicle, driven
+from groundtrace.vehicles.traffic import (
+    PassParameters,
+    RoadPowers,
+    RoadVehicle,
+    Stretch,
+    Vehicle,
+    driven,
+)
 
 TIMES = np.arange(0, 40, 0.25)
 ALONG, OFFSETS = np.array([0.0, 10.0]), np.array([5.0, 5.0])
@@ -17,16 +26,18 @@ FLOOR, FREEDOM = 0.02, 14
 MEETING = ((19.6, 11.0), (20.5, -12.0))
 
 
-def mean_of(vehicles: tuple[tuple[float, float], ...]) -> np.ndarray:
+def mean_of(vehicles: tuple[tuple[float, float], ...], away_m: np.ndarray = OFFSETS) -> np.ndarray:
     mean = np.full((len(TIMES), 2), FLOOR)
     for moment, velocity in vehicles:
         late = TIMES[:, None] - moment - (ALONG - 5) / velocity
-        mean += 50 * ((velocity * late) ** 2 + OFFSETS**2) ** -0.75
+        mean += 50 * ((velocity * late) ** 2 + away_m**2) ** -0.75
     return mean
 
 
-def road_powers(vehicles: tuple[tuple[float, float], ...], seed: int) -> RoadPowers:
-    mean = mean_of(vehicles)
+def road_powers(
+    vehicles: tuple[tuple[float, float], ...], seed: int, away_m: np.ndarray = OFFSETS
+) -> RoadPowers:
+    mean = mean_of(vehicles, away_m)
     powers = fluctuating(mean, np.random.default_rng(seed), FREEDOM)
     return RoadPowers(TIMES, powers, np.full(mean.shape, FLOOR), ALONG, OFFSETS, 1.5, 0.25)
 
@@ -56,6 +67,19 @@ def test_one_stays_one_with_errors_that_are_true() -> None:
         assert v.direction == 1
         off.append(np.log(v.speed_mps / 9) * v.speed_mps / v.speed_sigma_mps)
     assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.7
+
+
+def test_a_vehicle_on_a_road_further_off_is_heard_for_too_long() -> None:
+    gate = PassParameters().breadth
+    (here,) = found(road_powers(((20.0, 9.0),), 1))
+    (there,) = found(road_powers(((20.0, 9.0),), 1, 3 * OFFSETS))
+    assert here.breadth < gate < there.breadth
+    assert here.breadth == pytest.approx(5 / (np.hypot(5, 3) + 0.35 * 9), rel=0.3)
+
+
+def test_without_a_road_nothing_is_heard_for_too_long() -> None:
+    (one,) = found(replace(road_powers(((20.0, 9.0),), 1), offsets_m=np.zeros(2)))
+    assert one.breadth == 0
 
 
 def test_slopes_are_those_of_the_power() -> None:

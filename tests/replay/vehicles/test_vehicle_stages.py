@@ -133,7 +133,7 @@ def test_candidates_of_passes_carry_every_gate(stations: list[Event]) -> None:
     blocks = [e for e in stations if isinstance(e, CandidateBlock) and e.spec.stage == "passes"]
     assert blocks
     for block in blocks:
-        assert block.margin.shape == (len(block), 7)
+        assert block.margin.shape == (len(block), 8)
         assert np.array_equal(block.accepted, (block.margin >= 0).all(axis=1))
 
 
