@@ -44,7 +44,7 @@ SURFACE = {
         Medium MissingReaderError NS_PER_S Note OtherTopic Pass Pick Presence Quantity Recording
         RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec StepEvent
         Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
-    "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
+    "groundtrace_recordings": "UnknownFileError bundled licence_text map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
 }
 

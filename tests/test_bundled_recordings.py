@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from groundtrace_codecs.events import Label
 
 SIMULATED = {
     "room-walk.mcap": simulate_room,
@@ -46,6 +49,11 @@ def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
             (file.channels[m.channel_id].topic, m.log_time, bytes(m.data))
             for m in file.as_recorded()
         ]
+
+
+def truth_of(path: Path) -> tuple[Label, ...]:
+    with Recording.open(path) as recording:
+        return recording.labels
 
 
 def test_the_recordings_are_found_and_small():
@@ -124,4 +132,13 @@ def test_an_excerpt_says_where_it_is_from(name):
 @pytest.mark.parametrize("name", excerpts.descriptions())
 def test_an_excerpt_is_made_again_from_its_source(name, tmp_path, data):
     made = excerpts.make(name, excerpts.descriptions()[name], data, tmp_path)
-    assert messages_of(made) == messages_of(groundtrace_recordings.path_of(made.name))
+    kept = groundtrace_recordings.path_of(made.name)
+    # headings are arc tangents, whose last bit depends on the processor
+    signals = [[m for m in messages_of(path) if m[0] != "/truth"] for path in (made, kept)]
+    assert signals[0] == signals[1]
+    truths = [truth_of(path) for path in (made, kept)]
+    assert [replace(x, value=None) for x in truths[0]] == [
+        replace(x, value=None) for x in truths[1]
+    ]
+    values = [np.array([x.value for x in truth], float) for truth in truths]
+    np.testing.assert_allclose(*values, rtol=1e-12, atol=1e-12)

@@ -147,6 +147,8 @@ def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
         page.reload()
         ready(page)
         assert cursor(page) == pytest.approx(here, abs=1e-5)  # the address leads back
+        page.wait_for_timeout(3000)  # data that come in do not move it on
+        assert cursor(page) == pytest.approx(here, abs=1e-5)
         page.evaluate("location.hash = '#t=1.5'")
         until(page, "document.getElementById('time').value === '1.500000'")
         page.locator("#viewer").focus()

@@ -19,6 +19,8 @@ const UNKNOWN_SAMPLE_S = 0.001;
 /** While a replay is running the page asks for what is new after this, and for causes that are looked for [ms]. */
 const RENEW_MS = 500;
 const CAUSES_MS = 2000;
+/** While data come in, and no person has touched the viewer, its cursor is put back at most so often. */
+const MOST_RETURNS = 100;
 
 /** Return a short period as text. */
 function period_text(seconds) {
@@ -32,7 +34,7 @@ class Page {
     this.marking = config.annotations !== "off";
     const kept = config.annotations === "server";
     this.hint = kept ? "" : "Kept in this browser only: download them for groundtrace annotate --merge.";
-    this.viewer = new Viewer(moments.timeline, (seconds) => this.player.follow(seconds));
+    this.viewer = new Viewer(moments.timeline, (seconds) => this.moved(seconds));
     this.player = new Player(moments.duration_s, (seconds) => this.viewer.seek(seconds), () => this.changed());
     this.jumps = new Jumps(moments, (seconds) => this.go(seconds));
     this.decision = new Decision(moments.misses);
@@ -43,6 +45,8 @@ class Page {
     this.sample_s = moments.sample_s ?? UNKNOWN_SAMPLE_S;
     this.drawing = false;
     this.led = false;
+    this.touched = false;
+    this.returns = MOST_RETURNS;
     this.keys = new Keys(this.table());
     this.furnish();
   }
@@ -56,6 +60,12 @@ class Page {
     if (seconds === null) return;
     this.led = true;
     this.player.go(seconds);
+  }
+
+  /** Take over where a person put the viewer's cursor; data that still come in move it too: back, then. */
+  moved(seconds) {
+    if (this.touched || this.moments.live || !this.opened) this.player.follow(seconds);
+    else if (this.returns-- > 0) this.viewer.seek(this.player.at);
   }
 
   by(seconds) {
@@ -174,6 +184,9 @@ class Page {
     byId("recording").textContent = byId("recording").title = moments.recording;
     this.tell_duration();
     document.title = `${moments.recording} — groundtrace`;
+    for (const kind of ["pointerdown", "keydown", "wheel"]) {
+      byId("viewer").addEventListener(kind, () => { this.touched = true; }, { capture: true, passive: true });
+    }
     byId("help-button").onclick = () => this.help();
     byId("speed").oninput = (event) => player.set_speed(10 ** Number(event.target.value));
     byId("filter").oninput = (event) => { jumps.filter(event.target.value); this.changed(); };
