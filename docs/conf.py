@@ -31,6 +31,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "abort_on_example_error": True,
     "plot_gallery": True,
+    "write_computation_times": False,  # their page loads scripts from elsewhere
     "capture_repr": ("_repr_html_", "__repr__"),
 }
 nb_execution_mode = "force"
