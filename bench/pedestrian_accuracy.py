@@ -175,7 +175,7 @@ def indoors(folder: Path) -> None:
         if name == "pedestrian-waypoints":
             rest = [np.mean(parts[1::2]) for parts in (held[name, stage], noisy[stage])]
             print(
-                f"    of those that chose nothing {np.median(each[1::2]):5.2f}  {rest[0]:.2f}, "
+                f"    of those not chosen on   {np.median(each[1::2]):5.2f}  {rest[0]:.2f}, "
                 f"{rest[1]:.2f} with the waypoints' own {waypoint_m:g} m"
             )
     print("  pedestrian-waypoints: every second waypoint known, the others scored")

@@ -791,6 +791,11 @@ def readable(value: float, digits: int = 4, sign: str = "") -> str:
     return f"{float(text):{sign}.{len(mantissa.partition('.')[2]) - power}f}"
 
 
+def unit_after(unit: str) -> str:
+    """Return a unit as it stands after a number: with a space; nothing for ``1`` and none."""
+    return "" if unit in ("", "1") else f" {unit}"
+
+
 def _no_text(event: object) -> str:  # noqa: ARG001
     return ""
 

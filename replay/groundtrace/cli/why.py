@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter, validators
 
-from groundtrace_codecs.events import readable
+from groundtrace_codecs.events import readable, unit_after
 
 from ..api.analysis import evidence_with
 from ..api.files import writable
@@ -384,7 +384,7 @@ def print_place(found: FixMoment, reference: str) -> None:
         print_line(f"smallest change: {_remedy(cause.remedy, change, reference, alone=True)}")
     for r in found.fix.readings:
         verdict = "pass" if r.passed else "FAIL"
-        unit = "" if r.unit == "1" else f" {r.unit}"
+        unit = unit_after(r.unit)
         print_line(
             f"gate {r.gate}: {readable(r.value)}{unit}, "
             f"threshold {readable(r.threshold)}{unit}: {verdict}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from groundtrace_codecs.events import Pick, StepEvent, readable
+from groundtrace_codecs.events import Pick, StepEvent, readable, unit_after
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..detectors.trace import FRAME_S
@@ -370,7 +370,7 @@ def told_apart(value: float, other: float, digits: int = 4) -> tuple[str, str]:
 
 def below(reading: GateReading) -> str:
     """Return value, threshold and margin of a failed gate as a phrase that its numbers bear out."""
-    unit = "" if reading.unit == "1" else f" {reading.unit}"
+    unit = unit_after(reading.unit)
     if np.isnan(reading.value):
         return f"{reading.gate} is no number, the threshold is {readable(reading.threshold)}{unit}"
     # a time is stored rounded: one that just fails may read as the threshold itself
@@ -1016,7 +1016,7 @@ def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
 def without_filter(part: StageEvidence, found: Unmuted, time_ns: int) -> str:
     """Say that the filter takes something out, by the candidate that is there without it."""
     first = part.spec.columns[0]
-    unit = "" if first.unit == "1" else f" {first.unit}"
+    unit = unit_after(first.unit)
     return (
         f"{FILTERED}: without it a candidate {later_text(found.time_ns - time_ns)} passes every "
         f"threshold ({first.name} {readable(found.value)}{unit})"
@@ -1232,7 +1232,7 @@ def _reached(
 ) -> tuple[str, str]:
     """Return cause and sentence of what the decision function reached."""
     name, unit = part.spec.trace[0].name, part.spec.trace[0].unit
-    unit = "" if unit == "1" else f" {unit}"
+    unit = unit_after(unit)
     if floor is None:
         clear = recorded is not None and recorded >= CLEAR_DB
         return (

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.events import SIMULATOR, readable
+from groundtrace_codecs.events import SIMULATOR, readable, unit_after
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
@@ -538,7 +538,7 @@ def false(picking: Picking, picked: Pick) -> PickReason:
     if gate is None:
         return PickReason("false", "it passed every gate", told)
     sign = "over" if gate.value >= gate.threshold else "under"
-    unit = "" if gate.unit == "1" else f" {gate.unit}"
+    unit = unit_after(gate.unit)
     measured, threshold = readable(gate.value), readable(gate.threshold)
     text = f"{gate.gate} {measured}{unit} {sign} {threshold}{unit} let it pass"
     return PickReason("false", text, told)

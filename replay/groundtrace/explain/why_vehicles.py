@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.events import readable
+from groundtrace_codecs.events import readable, unit_after
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign
@@ -244,7 +244,7 @@ def _false(
     gates = [r for r in readings(part, row) if np.isfinite(r.value)]
     lost = {r.gate: sum(margin <= r.margin for margin in kept[r.gate]) for r in gates}
     best = min(gates, key=lambda r: (lost[r.gate], r.margin / max(abs(r.threshold), 1e-9)))
-    unit = "" if best.unit == "1" else f" {best.unit}"
+    unit = unit_after(best.unit)
     # just beyond what it has, on the side that the margin comes from
     step = np.sign(best.value - best.threshold) or 1.0
     value = best.value + step * max(abs(best.value), 1e-3) * _BEYOND

@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from groundtrace.evaluation.matching import STEP_TOLERANCE_S
-from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading, StageSpec, readable
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Disturbance,
+    Heading,
+    StageSpec,
+    readable,
+    unit_after,
+)
 from groundtrace_codecs.signals import NS_PER_S
 
 from .context import View
@@ -511,7 +518,7 @@ _CLAIMED = 0x56B4E9FF
 def _compared(gate: GateSpec, value: float) -> str:
     """Return a gate's value beside its threshold."""
     sign = ">" if value > gate.threshold else "<"
-    unit = f" {gate.unit}" if gate.unit not in ("", "1") else ""
+    unit = unit_after(gate.unit)
     return f"{gate.name} {readable(value, 3)} {sign} {readable(gate.threshold)}{unit}"
 
 

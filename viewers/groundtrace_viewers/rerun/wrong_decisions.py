@@ -23,6 +23,7 @@ from groundtrace_codecs.events import (
     StepEvent,
     TraceBlock,
     readable,
+    unit_after,
 )
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -379,7 +380,7 @@ def let_pass(gate: GateReading | None) -> str:
     """Say which gate let something pass that should not have."""
     if gate is None:
         return "it passed every gate"
-    unit = "" if gate.unit == "1" else f" {gate.unit}"
+    unit = unit_after(gate.unit)
     value, threshold = readable(gate.value), readable(gate.threshold)
     return f"let pass by {gate.gate} {value}{unit} (threshold {threshold}{unit})"
 
