@@ -128,7 +128,7 @@ proto: dev ## the committed descriptors, from the .proto
 docs: dev ## the site of the documentation, in build/site; a warning is an error
 	$(BIN)/pip install --quiet --group docs
 	rm -rf build/site build/site-src && mkdir -p build && cp -r docs build/site-src
-	$(BIN)/sphinx-build -q -W --keep-going -b html build/site-src build/site
+	$(BIN)/sphinx-build -q -W -n --keep-going -b html build/site-src build/site
 
 pictures: $(VENV)/installed ## those in the README and the docs
 	mkdir -p build

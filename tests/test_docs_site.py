@@ -7,7 +7,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parents[1] / "docs"
 #: Written when the site is built.
-GENERATED = {"commands", "figures/index"}
+GENERATED = {"commands", "stages", "events", "schemas", "figures/index"}
 
 
 def below(page: str) -> list[str]:

@@ -117,7 +117,7 @@ def default_pipeline(recording: Recording) -> str:
 class Pipeline:
     """Stages that find events in a recording, with their parameters.
 
-    Made by :data:`pipelines`, and changed by :meth:`with_`, which returns another one.
+    Made by ``pipelines``, and changed by :meth:`with_`, which returns another one.
 
     Attributes
     ----------
