@@ -5,7 +5,7 @@
 
 ``causes`` prints for each planted cause and number of sensors what bad places and sensors are
 blamed for; ``clocks`` how often offsets are called identifiable, without and with some, for laws
-of distance of several shapes. docs/rooms.md has the results.
+of distance of several shapes. docs/rooms.md and docs/howto/calibrate.md have the results.
 """
 
 from __future__ import annotations

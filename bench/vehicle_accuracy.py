@@ -2,7 +2,8 @@
 
 Roads are simulated, with the ground of the simulator: power falls as r^-1.5, waves need their time,
 and paths may interfere (fading, of a coherence length). Other grounds are drawn: exponent, loss,
-fading, gains, noise, wind and waves, which no method is told. Figures are in docs/vehicles.md.
+fading, gains, noise, wind and waves, which no method is told. docs/accuracy/vehicles.md has the
+figures.
 
 Courses: one vehicle at 3 to 15 m/s past two antennas of three geophones 15 m apart, 30 m from one
 another, on a straight road at random. Errors are across its way, of the track points within 45 m of

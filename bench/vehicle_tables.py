@@ -1,4 +1,4 @@
-"""Vehicles by seismic power: the tables of docs/vehicles.md, with the known numbers beside.
+"""Vehicles by seismic power: the tables of docs/accuracy/vehicles.md, and known numbers.
 
 Powers are drawn by their law, not taken from waveforms: these are the methods' own errors. The
 known numbers of places come from another arrangement of six sensors in two lines, which is not

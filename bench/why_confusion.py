@@ -1,4 +1,4 @@
-"""Which cause `why` names where one is planted: the confusion matrix of docs/why.md.
+"""Which cause `why` names where one is planted: the confusion matrix of docs/accuracy/why.md.
 
     python bench/why_confusion.py [--rounds 5] [--half development|report|both] [--only CELL]
 

@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from docutils import nodes
+from latex2mathml.converter import convert
+
 import groundtrace
 from groundtrace.cli.main import application
 from groundtrace.pipeline.config import load_pipeline, named_pipelines
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from sphinx.application import Sphinx
+    from sphinx.writers.html5 import HTML5Translator
 
 project = "groundtrace"
 author = "The groundtrace developers"
@@ -46,6 +50,8 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
 myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+html_math_renderer = "mathml"  # browsers draw it themselves, without a script
 myst_url_schemes = ["http", "https", "mailto"]
 numpydoc_show_class_members = False
 autodoc_typehints = "none"
@@ -78,7 +84,7 @@ def commands() -> str:
 
 
 def stages() -> str:
-    """Return the shipped pipelines, and every stage with its parameters, by the registry."""
+    """Return the shipped pipelines, and every stage with its method, source and parameters."""
     text = "# Pipelines, stages and parameters\n\n## Pipelines\n\n"
     shipped = [
         (
@@ -93,6 +99,7 @@ def stages() -> str:
         "## Stages\n\nA change of a parameter that decides needs no signal: `sweep` and `why` take "
         "the stored values of gates. One that measures needs a new replay.\n\n"
     )
+    shown = set()
     for name in sorted(each.name for each in plugins("stages")):
         stage = stage_named(name)
         given = ", ".join(
@@ -100,6 +107,9 @@ def stages() -> str:
         )
         says = (stage.__doc__ or "").splitlines()[0].replace("``", "`")
         text += f"### {name}\n\n{says} Gives {given}.\n\n"
+        if stage.__module__ not in shown:
+            text += f"```{{eval-rst}}\n.. automodule:: {stage.__module__}\n   :no-index:\n```\n\n"
+        shown.add(stage.__module__)
         known = [
             (code(i.name), code(i.default), i.unit, code(i.allowed), i.part + "s", i.doc)
             for i in describe(stage.Parameters)
@@ -179,6 +189,19 @@ def write_pages(app: Sphinx) -> None:
         (Path(app.srcdir) / f"{name}.md").write_text(made(), "utf-8")
 
 
+def inline_formula(page: HTML5Translator, node: nodes.math) -> None:
+    """Write a formula in a line."""
+    page.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def formula(page: HTML5Translator, node: nodes.math_block) -> None:
+    """Write a formula of its own."""
+    page.body.append(f'<div class="math">{convert(node.astext(), display="block")}</div>')
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
-    """Let the generated pages be written before pages are read."""
+    """Let generated pages be written before pages are read, and formulas as MathML."""
+    app.add_html_math_renderer("mathml", (inline_formula, None), (formula, None))
     app.connect("builder-inited", write_pages)

@@ -1,12 +1,12 @@
 """Adaptive: steps by score or by rhythm, at any place on the body and any rate.
 
-The specific force is brought to an even grid and taken along gravity (:mod:`.body_signals`). At
-waist and trunk a step is then told by its score (:mod:`.step_score`); elsewhere, and where nobody
+The specific force is brought to an even grid and taken along gravity (``.body_signals``). At
+waist and trunk a step is then told by its score (``.step_score``); elsewhere, and where nobody
 knows the place, by its rhythm:
 
 1. The rhythm is tracked: how strongly the signal repeats itself, and after which time
-   (:mod:`.dsp.periodicity`).
-2. It is filtered by the step time that this gives (:class:`StepBand`).
+   (``.dsp.periodicity``).
+2. It is filtered by the step time that this gives (``StepBand``).
 3. Local maxima are candidates; a step is one that rises far enough, is the highest within half a
    step time, and stands in a rhythm.
 
@@ -64,10 +64,10 @@ if TYPE_CHECKING:
 #: Placements at which the sensor moves with the body's mass, and hardly ever without steps.
 TRUNK = frozenset({"waist", "trunk"})
 #: At the trunk a few steps are a walk; a hand or pocket must keep its rhythm for longer. Chosen by
-#: judgement: weak on purpose, no short walk is lost (docs/steps.md, "What it does not reach").
+#: judgement: weak on purpose, no short walk is lost (docs/limits.md).
 _TRUNK_SCALES = (Scale(4.0, 2),)
 #: Windows [s] and how many of them must agree: a hand or a pocket must keep its rhythm for longer
-#: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "Data used for tuning").
+#: than a trunk. Chosen by trial on rieck-stepcounter (docs/accuracy/steps.md).
 _OTHER_SCALES = (Scale(8.0, 2), Scale(12.0, 3))
 #: What averages, bands and looks ahead at a step reach beyond the rhythm together [s]. Source:
 #: definitions: 2.5 for gravity, 0.5 to 1.4 for the grid, 1.6 for the band; 2.0 more of the score,

@@ -14,7 +14,7 @@ its test of ``m(peak)`` against ``m(Theta)`` are two gates, since the second doe
 the first.
 
 Belief functions, as used here: masses are arrays of shape (..., 2^k), floats or exact fractions,
-one row for each candidate; :class:`HypothesisSet` says what the columns are. Models make masses of
+one row for each candidate; ``HypothesisSet`` says what the columns are. Models make masses of
 measured values (chapter II, section III.2; chapter III, section V.2), for peaks and valleys as in
 chapter III, section V. Rules combine the masses of several sources and discount a source (chapter
 II, section III.3). Every rule takes all sources at once, since Yager's, Dubois and Prade's and

@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 #: and twice that for the sway of who stands.
 CORRELATION_S, REST_CORRELATION_S = 0.1, 0.2
 #: Held at its limit for so long [s] and so many samples, a gyroscope is worth a warning. Chosen by
-#: trial on the feet of docs/inertial.md: tracks went astray after plateaus of 60 ms and more, after
-#: no shorter ones; smooth tops of fewer samples look like plateaus at 50 Hz.
+#: trial on the feet of docs/accuracy/inertial.md: tracks went astray after plateaus of 60 ms and
+#: more, after no shorter ones; smooth tops of fewer samples look like plateaus at 50 Hz.
 WARNED_S, WARNED_SAMPLES = 0.05, 5
 #: Of so many swings the median is the usual one. Chosen by judgement: a few strides, so that who
 #: begins to run is followed.
@@ -389,7 +389,7 @@ class HeldRates:
 #: a scale can be off by half, and less is no gravity.
 LEAST_FORCE_MPS2 = 5.0
 #: Sampled slower, the samples do not tell how fast a foot went between them. Chosen by trial on a
-#: made-up loop: off by 3 % at 12 Hz, lost at 6 Hz (docs/inertial.md).
+#: made-up loop: off by 3 % at 12 Hz, lost at 6 Hz (docs/limits.md).
 LEAST_RATE_HZ = 25.0
 QUANTITIES = ("angular_velocity", "acceleration")
 #: With the magnetometer's, where the stream has one. Source: definition, three axes of three

@@ -93,8 +93,8 @@ LIKELIER = 0.5
 #: Thresholds: spread of the force's length [m/s2], root mean square of the angular velocity of a
 #: foot and of a swinging limb [rad/s], part of the time that a foot does not turn, of the felt
 #: vertical's angle [deg], part of the movement that comes once a stride, and how far up the face
-#: looks [cosine]. Chosen by trial on the recordings looked at in docs/placement.md, which has the
-#: reason of each.
+#: looks [cosine]. Chosen by trial on the recordings looked at in docs/accuracy/placement.md;
+#: docs/placement.md has the reason of each.
 SWING_MPS2, FOOT_RADPS, LIMB_RADPS, RESTS = 5.0, 2.0, 1.0, 0.15
 TILT_DEG, ONCE, FACE = 15.0, 0.5, 0.7
 
@@ -229,7 +229,7 @@ WINDOW_S, MOST_WALKED, MOST_HEARD = 5.0, 47, 240
 #: by judgement: 15 Hz sees them too, and steps have their strength below.
 CUTOFF_HZ = 6.0
 #: A window is a walk where it repeats itself so well, moves so much [m/s2], and in both halves.
-#: Chosen by trial on the recordings looked at in docs/placement.md.
+#: Chosen by trial on the recordings looked at in docs/accuracy/placement.md.
 _RHYTHM, _MOVES_MPS2, _EVEN = 0.5, 0.3, 0.5
 #: Fewer windows tell nothing. Chosen by judgement: of two, no median is told.
 _FEWEST = 3

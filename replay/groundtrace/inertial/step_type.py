@@ -3,7 +3,7 @@
 Source: EPFL, sections on preprocessing, recognition of steps, and corrections, figures 2 and 3.
 
 Body axes. Up is against gravity. Ahead is what a reference axis of the sensor leaves in the
-horizontal plane; the angle between it and the walking direction is found by :mod:`.body_motion`.
+horizontal plane; the angle between it and the walking direction is found by ``.body_motion``.
 The reference is the axis that the wearer says looks ahead, or any that is horizontal enough.
 Gravity is a low-passed specific force. Where there is a gyroscope, its turns are followed at once
 and the specific force only corrects what drifts (a complementary filter, linear in the small turns
@@ -435,7 +435,8 @@ def _agree_against(pair: Sequence[FrontalShape], lead: float) -> bool:
 
 #: Steps are regular whose times differ from the usual one by this factor at most, an order is clear
 #: from so many steps on, and so many steps tell something together. Chosen by trial on simulated
-#: people, seeds 501 to 506 (backward steps: order 0.17 to 0.26), and mobgap (docs/step-types.md).
+#: people, seeds 501 to 506 (backward steps: order 0.17 to 0.26), and mobgap
+#: (docs/accuracy/step-types.md).
 REGULAR, CLEAR, LEAST_WINDOW = 1.25, 0.08, 3
 
 

@@ -269,7 +269,7 @@ SHORTEST_S, LONGEST_S = 0.25, 1.5
 #: hundred steps.
 KEEP = 0.99
 #: So many steps tell the walking axis but for some tenths of a degree. Chosen by trial on simulated
-#: loops: within 0.3 degrees from the 30th step on (docs/pedestrian.md).
+#: loops: within 0.3 degrees from the 30th step on (docs/accuracy/pedestrian.md).
 SETTLED = 60
 #: Sign of the swing by the type of a step: back it is that ahead in a sensor turned half round.
 #: Source: definition.

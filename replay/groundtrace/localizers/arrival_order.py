@@ -11,7 +11,10 @@ lattice in them. The thesis's bound on the number of regions is corrected: the t
 three sensors meet in one point, so there are at most 1 + C(N, 2) + (3N - 1) C(N, 3) / 4.
 
 The Bernoulli model of sign errors gives how likely each region makes the measured signs (section
-5.3.2), with two corrections. The chance of a wrong sign is (1 + erf(-|tau| / (sqrt 2 sigma))) / 2:
+5.3.2), with two corrections. The chance of a wrong sign is
+
+    (1 + erf(-abs(tau) / (sqrt 2 sigma))) / 2:
+
 (5.26) lacks the absolute value. And arrivals err, not differences: sigma of a difference is sqrt 2
 times that of an arrival, and as the differences then hang together, the likelihood of N(N - 1)/2
 signs is raised to the power 2 / N.

@@ -53,7 +53,7 @@ _ALIKE, _ALIKE_M = 0.5, 0.1
 APART, TURNED_RAD = 1.1, 0.5
 #: What is known of the noise's factor: that this power of it is 1, as surely as a power is known.
 #: Chosen by trial on simulated roads: held more tightly, courses were better or worse by no more
-#: than by the vehicles (docs/vehicles.md).
+#: than by the vehicles (docs/accuracy/vehicles.md).
 _FACTOR_WEIGHT = 0.2
 #: Log-likelihood that a rival may lack. Source: definition: 22000 times less likely.
 MOST_LOST = 10.0

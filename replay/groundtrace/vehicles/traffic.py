@@ -944,24 +944,24 @@ class RoadPowers:
 
 #: Vehicles whose ways along the stations come this near in time are fitted jointly [s]; so much
 #: before and after them is looked at. Chosen by trial on simulated roads of seeds 1 to 10
-#: (docs/vehicles.md).
+#: (docs/accuracy/vehicles.md).
 _BESIDE_S, _SEARCH_ABOUT_S = 1.5, 5.0
 #: By so much the evidence must grow. Chosen by trial on simulated roads of seeds 1 to 10
-#: (docs/vehicles.md).
+#: (docs/accuracy/vehicles.md).
 _MARGIN = 1.5
 #: Steps of a first trial, of a full fit; how many trials are fitted fully. Chosen by trial on
-#: simulated roads of seeds 1 to 10 (docs/vehicles.md).
+#: simulated roads of seeds 1 to 10 (docs/accuracy/vehicles.md).
 _FIRST, _FULL, _BEST = 5, 25, 2
 _CHANGES, _SWEEPS = 6, 2
 #: Half of what two halves of a vehicle are apart [s], and what each has of its peak, ln. Chosen by
-#: trial on simulated roads of seeds 1 to 10 (docs/vehicles.md).
+#: trial on simulated roads of seeds 1 to 10 (docs/accuracy/vehicles.md).
 _APART_S, _HALF = 0.4, 0.5
 #: Excess of power is smoothed over so many cycles, and looked for this far from the ends [s].
-#: Chosen by trial on simulated roads of seeds 1 to 10 (docs/vehicles.md).
+#: Chosen by trial on simulated roads of seeds 1 to 10 (docs/accuracy/vehicles.md).
 _SMOOTH, _INSIDE_S = 5, 3.0
 _TRIED_MPS = (6.0, 14.0)
 #: Of a vehicle that stations hear at once [s/m]. Chosen by trial on simulated roads of seeds 1 to
-#: 10 (docs/vehicles.md).
+#: 10 (docs/accuracy/vehicles.md).
 _LEAST_SLOWNESS = 1 / 50
 
 

@@ -1,4 +1,4 @@
-"""Causes planted in simulated recordings are named: a part of the bench of docs/why.md."""
+"""Causes planted in simulated recordings are named: a part of the bench of docs/accuracy/why.md."""
 
 from __future__ import annotations
 
