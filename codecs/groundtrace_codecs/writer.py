@@ -317,8 +317,10 @@ def _origin(start_ns: int) -> dict[str, str]:
     return {"start_ns": str(start_ns), "tool": TOOL, "version": tool_version()}
 
 
-#: Length of a message of samples [s].
+#: Length of a message of samples [s], and the most values of all channels that one holds. chosen by
+#: judgement: 4 MB of doubles are a few chunks; 16 channels at 20 kHz have 32 000 in 0.1 s.
 MESSAGE_S = 0.1
+_MESSAGE_VALUES = 1 << 19
 #: Rate of previews, and the rate above which a waveform gets one [Hz].
 PREVIEW_HZ = 100.0
 #: Above this rate an IMU is stored in blocks [Hz].
@@ -419,8 +421,9 @@ def pieces(block: SignalBlock, size: int) -> Iterator[SignalBlock]:
 
 
 def message_samples(stream: Stream) -> int:
-    """Return how many samples one message of a stream holds."""
-    return max(1, round(MESSAGE_S * stream.rate_hz))
+    """Return how many samples one message of a stream holds, fewer of one with many channels."""
+    most = _MESSAGE_VALUES // len(stream.channels)
+    return max(1, min(round(MESSAGE_S * stream.rate_hz), most))
 
 
 def merged_pieces(
@@ -438,7 +441,7 @@ def _pieces_of(stream: Stream, blocks: Iterable[SignalBlock]) -> Iterator[Signal
 
 
 class WaveformEncoder:
-    """A stream as WaveformBlocks of 0.1 s."""
+    """A stream as WaveformBlocks of 0.1 s, shorter ones where there are many channels."""
 
     def __init__(self, stream: Stream, sample_format: str) -> None:
         self.output = protobuf_output(

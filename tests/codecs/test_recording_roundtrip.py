@@ -152,6 +152,18 @@ def test_messages_hold_a_tenth_of_a_second_and_are_logged_at_their_last_sample(
     assert [m[3] for m in raw] == [b.start_ns for _, b in stamped]
 
 
+def test_messages_of_many_channels_are_shorter_than_a_tenth_of_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "wide.mcap"
+    channels = tuple(Channel(f"G{i}", "seismic", "count") for i in range(5000))
+    wide = Stream("/wide", channels, 20000.0)
+    samples = np.arange(500 * 5000, dtype="<i4").reshape(500, 5000)
+    write_recording(path, [(wide, "i32le", [SignalBlock(wide, START_NS, 0, samples)])])
+    with Recording.open(path) as recording:
+        found = [block for _, block in recording.blocks()]
+    assert max(block.samples.nbytes for block in found) <= 4 << 20
+    np.testing.assert_array_equal(np.concatenate([block.samples for block in found]), samples)
+
+
 def test_a_gap_stays_exact(tmp_path: Path) -> None:
     path = tmp_path / "gap.mcap"
     for stream, dtype in ((SEISMIC, "<i4"), (IMU, "<f8")):

@@ -362,6 +362,17 @@ def _used(map_: ImportMap) -> Iterator[tuple[str | int, str]]:
             yield map_.orientation.field, "text"
 
 
+def names_of_columns(path: TextFile, map_: ImportMap) -> tuple[str, ...]:
+    """Return the names in the first row of a text table, none where a number is among them.
+
+    Raises
+    ------
+    FormatError
+        Where the file is no text of the map's encoding.
+    """
+    return _head(path, map_)[0]
+
+
 def _head(
     path: TextFile, map_: ImportMap
 ) -> tuple[tuple[str, ...], Iterator[tuple[int, list[str]]]]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import datetime
 import re
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..signals import NS_PER_S, Channel, to_quantity
 from .base import ColumnMap, ImportMap, StreamMap
 from .map import Sampled, together
 from .stored import pieces, stacked
-from .tables import TextTable
+from .tables import TextTable, names_of_columns
 from .time import unwrapped
 
 if TYPE_CHECKING:
@@ -138,16 +139,15 @@ class _File:
 def _open(path: Path) -> _File:
     """Read a file; the sensor's id is in the comments or ends the file's name."""
     with path.open("rb") as file:
-        lines = file.read(_HEAD_BYTES).decode("latin-1").splitlines()
+        # of bytes: a text ends its lines at a form feed, too, which a table does not
+        lines = [line.decode("latin-1") for line in file.read(_HEAD_BYTES).splitlines()]
     comments = "\n".join(line for line in lines if line.lstrip("\ufeffï»¿").startswith("//"))
     names = next((line for line in lines if line and not line.startswith(("//", "ï»¿//"))), "")
     delimiter = max(_DELIMITERS, key=names.count)
-    cells = (cell.strip() for cell in names.split(delimiter))
-    columns = tuple(ColumnMap(cell, "", "") for cell in cells if cell)
-    layout = ImportMap(
-        "xsens", (StreamMap("/", columns),), delimiter=delimiter, comment="//", encoding="utf-8-sig"
-    )
-    table = TextTable.load(path, layout)
+    layout = partial(ImportMap, "xsens", delimiter=delimiter, comment="//", encoding="utf-8-sig")
+    header = names_of_columns(path, layout(stream=()))
+    columns = tuple(ColumnMap(name, "", "") for name in header if name)
+    table = TextTable.load(path, layout(stream=(StreamMap("/", columns),)))
     rate = _RATE.search(comments)
     device = _DEVICE.search(comments) or _DEVICE_IN_NAME.search(path.stem)
     return _File(

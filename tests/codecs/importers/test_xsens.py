@@ -83,6 +83,12 @@ def test_a_rate_that_is_no_number_is_none(tmp_path: Path) -> None:
         read(counted(tmp_path / "x.txt", [0, 1, 2], comments))
 
 
+@pytest.mark.parametrize("comment", ["// Update Ra\x0c 0Hz\n", '"// one\n// of two lines"\n'])
+def test_names_of_columns_are_those_of_the_first_row(tmp_path: Path, comment: str) -> None:
+    path = counted(tmp_path / "x.txt", [0, 1, 2], comment + OLD)
+    assert len(times_of(XsensImporter().read([path], None))) == 3
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_counter_that_no_device_can_have_is_left_alone(tmp_path: Path) -> None:
     path = counted(tmp_path / "x.txt", [0, 10**20, 2, 3])
