@@ -1,4 +1,4 @@
-"""Peak memory and time of every command that reads a recording, against its length: docs/big.md.
+"""Peak memory and time of every command that reads a recording: docs/notebook/memory.md.
 
 Run: python bench/big_memory.py [--minutes 1 10 60] [--folder FOLDER]
 """

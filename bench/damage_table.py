@@ -1,4 +1,4 @@
-"""How much of every damaged file of the damage set is read, as the table of docs/damage.md.
+"""How much of every damaged file of the damage set is read, as docs/notebook/damage.md has it.
 
 Run: python bench/damage_table.py
 """

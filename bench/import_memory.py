@@ -1,4 +1,4 @@
-"""Peak memory and time of importing large files of each kind: docs/big.md.
+"""Peak memory and time of importing large files of each kind: docs/notebook/memory.md.
 
 Run: python bench/import_memory.py [--gigabytes 2] [--only KIND ...] [--folder FOLDER]
 

@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from .signal_faults import Window
 
 #: The samples of one top spread by no more than this part of the channel's swing. Chosen by
-#: judgement: noise on a limit moves its samples by so much (docs/faults.md, noise of 0.05 %).
+#: judgement: noise on a limit moves its samples by so much (noise of 0.05 % in
+#: docs/accuracy/faults.md).
 WITHIN = 0.006
 #: Tops of one sign are of one limit within this part of half the swing. Chosen by judgement: more
 #: than noise moves a limit, less than two limits differ by.
