@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import shutil
 from pathlib import Path
@@ -12,10 +13,13 @@ from command_runs import done, run
 from jsonschema import Draft202012Validator, ValidationError
 from jsonschema.validators import validator_for
 
+from groundtrace.cli.main import application
 from groundtrace_recordings import bundled, path_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
+
+    from cyclopts import App
 
 SCHEMAS = Path(__file__).parents[2] / "docs" / "json"
 COMMANDS = (
@@ -23,8 +27,10 @@ COMMANDS = (
     "annotate",
     "compare",
     "copy",
+    "demo",
     "doctor",
     "export",
+    "figure",
     "fleet",
     "fleet-report",
     "import",
@@ -35,6 +41,8 @@ COMMANDS = (
     "recordings",
     "replay",
     "score",
+    "share",
+    "simulate",
     "sweep",
     "why",
 )
@@ -90,6 +98,31 @@ def test_a_schema_is_valid_closed_and_describes_every_property(command: str) -> 
 def test_a_schema_refuses_a_name_it_does_not_know(command: str) -> None:
     with pytest.raises(ValidationError, match="nobody_said_this"):
         check(command, {"nobody_said_this": 1})
+
+
+def at(path: Sequence[str]) -> App:
+    """Return a command by its words."""
+    app = application()
+    for name in path:
+        app = app[name]
+    return app
+
+
+def commands(app: App) -> Iterator[tuple[str, ...]]:
+    """Yield every command that has a function, group by group."""
+    for name in app:
+        if name.startswith("-"):
+            continue
+        if app[name].default_command:
+            yield (name,)
+        yield from ((name, *below) for below in commands(app[name]))
+
+
+def test_every_command_has_json() -> None:
+    every = list(commands(application()))
+    assert len(every) > 25
+    asked = {path: inspect.signature(at(path).default_command).parameters for path in every}
+    assert [path for path, options in asked.items() if "json" not in options] == []
 
 
 @pytest.mark.parametrize("name", sorted(bundled()))
@@ -211,3 +244,28 @@ def test_results_say_what_they_hold_and_their_score(capsys: pytest.CaptureFixtur
     quick = done(capsys, "info", "waist-walk.results.mcap", "--json", "--quick").document
     assert quick["results"]["score"] == {}
     assert done(capsys, "info", "waist-walk", "--json").document["results"] is None
+
+
+def test_demo_figure_and_share_are_as_their_schemas_say(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ran = done(capsys, "demo", "--no-viewer", "--json")
+    check("demo", ran.document)
+    assert "through waist-steps" in ran.err
+    step = ran.document["missed"][0]["step"]
+    assert ran.document["next"].endswith(f"--step {step}")
+    results = ran.document["results"]
+    drawn = done(capsys, "figure", results, "--step", step, "-o", "step.svg", "--json").document
+    check("figure", drawn)
+    assert (drawn["step"], drawn["cause"]) == (step, "threshold")
+    for form, out in (("folder", "shared"), ("zip", "shared.zip"), ("html", "shared.html")):
+        option = {"zip": ["--zip"], "html": ["--single-file"]}.get(form, [])
+        shared = done(capsys, "share", results, "-o", out, *option, "--json").document
+        check("share", shared)
+        assert (shared["form"], shared["path"]) == (form, out)
+
+
+def test_a_simulation_is_as_its_schema_says(capsys: pytest.CaptureFixture[str]) -> None:
+    made = done(capsys, "simulate", "walk", "-o", "walk.mcap", "--duration-s", 20, "--json")
+    check("simulate", made.document)
+    assert made.document["truth"]["step"] > 5

@@ -11,8 +11,8 @@ from ..api.plots import FORMATS, save_figure
 from ..api.results import load_results
 from ..errors import UsageError
 from ..pipeline.results import provenance_of
-from .console import print_line, print_stderr
-from .options import AT_LEAST_ONE, OUT, POSITIVE, ForceOthers, Results
+from .console import print_json, print_line, print_stderr
+from .options import AT_LEAST_ONE, OUT, POSITIVE, ForceOthers, Json, Results
 
 
 def figure(
@@ -25,6 +25,7 @@ def figure(
     dpi: Annotated[float, POSITIVE] = 200.0,
     recording: Path | None = None,
     force: ForceOthers = False,
+    json: Json = False,
 ) -> None:
     """Draw one moment for print: the signal with its steps, and the gates of the candidate.
 
@@ -59,4 +60,8 @@ def figure(
         decided = replace(decided, recording_path=path)
     why = decided.why(step, at=at)
     save_figure(why.plot(around)[0].figure, out, why.sha256, dpi)
+    if json:
+        document = {"path": str(out), "recording": why.recording, "time_s": why.time_s}
+        print_json(document | {"step": why.step, "cause": why.cause, "text": why.text})
+        return
     print_line(f"wrote {out}: {why.heading}")

@@ -11,8 +11,8 @@ from ..api.files import existing_file, recording_of
 from ..errors import UsageError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
-from .console import print_line, print_stderr, print_warnings
-from .options import FLAG, OUT, Results
+from .console import print_json, print_line, print_stderr, print_warnings
+from .options import FLAG, OUT, Json, Results
 
 
 def share(
@@ -25,6 +25,7 @@ def share(
     recording: Path | None = None,
     rrd: Path | None = None,
     force: Annotated[bool, FLAG] = False,
+    json: Json = False,
 ) -> None:
     """Write a folder that shows a result to others, who need neither groundtrace nor a network.
 
@@ -59,19 +60,22 @@ def share(
     write = load("views", "share")
     options = {"light": light, "force": force, "report": print_stderr}
     write(results, out, form=form, recording=found, rrd=timeline, **options)
-    print_warnings(read_results(results, blocks=False).warnings)
-    _report(out, form)
+    files = [path for path in out.rglob("*") if path.is_file()] if form == "folder" else [out]
+    size = sum(path.stat().st_size for path in files)
+    warnings = read_results(results, blocks=False).warnings
+    if json:
+        document = {"path": str(out), "form": form, "files": len(files), "size_bytes": size}
+        print_json(document, warnings)
+        return
+    print_warnings(warnings)
+    _report(out, form, len(files), size)
 
 
-def _report(out: Path, form: str) -> None:
+def _report(out: Path, form: str, files: int, size: int) -> None:
     """Say what was written, how large it is and how to open it."""
     if form == "folder":
-        files = [path for path in out.rglob("*") if path.is_file()]
-        size = sum(path.stat().st_size for path in files)
         replay = (out / "replay.rrd").stat().st_size
-        print_line(
-            f"shared: {out}, {len(files)} files, {_mb(size)} ({_mb(replay)} of it the replay)"
-        )
+        print_line(f"shared: {out}, {files} files, {_mb(size)} ({_mb(replay)} of it the replay)")
         print_line(
             f"open it with: python -I -m http.server 8000 --bind 127.0.0.1 --directory {out}"
         )
@@ -79,7 +83,7 @@ def _report(out: Path, form: str) -> None:
             f"then http://localhost:8000 in a browser; {out / 'summary.html'} opens by itself"
         )
         return
-    print_line(f"shared: {out}, {_mb(out.stat().st_size)}")
+    print_line(f"shared: {out}, {_mb(size)}")
     if form == "zip":
         print_line(
             "unpack it, run python -I -m http.server 8000 in its folder, open http://localhost:8000"

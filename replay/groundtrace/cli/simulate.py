@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -35,11 +35,8 @@ from ..simulate.room_plan import (
 from ..simulate.vehicle import simulate_vehicle
 from ..simulate.walk import ClockError, Walked, simulate_same_walk, simulate_walk
 from ..simulate.wave_laws import LawName
-from .console import print_line
-from .options import FLAG, OUT, Force, Texts
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from .console import print_json, print_line
+from .options import FLAG, OUT, Force, Json, Texts
 
 
 def room(
@@ -75,6 +72,7 @@ def room(
     bursts: float | None = None,
     random: Annotated[bool, FLAG] = False,
     force: Force = False,
+    json: Json = False,
 ) -> None:
     """Make footsteps on a floor with seismic sensors; steps, places and arrivals known.
 
@@ -176,7 +174,7 @@ def room(
         bursts=bursts,
         random=random,
     )
-    store(simulate_room(options), out, force=force)
+    store(simulate_room(options), out, force=force, json=json)
 
 
 def walk(
@@ -198,6 +196,7 @@ def walk(
     clock_ahead_s: float = 0.0,
     clock_drift_ppm: float = 0.0,
     force: Force = False,
+    json: Json = False,
 ) -> None:
     """Make a walker with an IMU, with steps, walking spans, headings and places known.
 
@@ -258,7 +257,7 @@ def walk(
     if steps_of is None:
         if clock_ahead_s or clock_drift_ppm:
             raise SimulationError("--clock-ahead-s, --clock-drift-ppm: expected --steps-of with it")
-        store(simulate_walk(options), out, force=force)
+        store(simulate_walk(options), out, force=force, json=json)
         return
     if path is not None or types or with_idle or duration_s is not None:
         raise SimulationError(
@@ -266,7 +265,7 @@ def walk(
         )
     walked = _walked(existing_recording(steps_of))
     clock = ClockError(clock_ahead_s, clock_drift_ppm)
-    store(simulate_same_walk(walked, options, clock), out, force=force)
+    store(simulate_same_walk(walked, options, clock), out, force=force, json=json)
 
 
 def _walked(path: Path) -> Walked:
@@ -299,14 +298,16 @@ def _offset(text: str) -> tuple[str, float]:
         raise SimulationError(f"--clock-offset-ms: expected {expected}, found {text!r}") from None
 
 
-def store(simulation: Simulation, out: Path, *, force: bool) -> None:
+def store(simulation: Simulation, out: Path, *, force: bool, json: bool) -> None:
     """Write a simulation and say what its truth holds."""
     write(simulation, writable(out, force=force), force=force)
-    print_line(f"wrote {out}: {_labels([x.kind for x in simulation.labels])}")
-
-
-def _labels(kinds: Sequence[str]) -> str:
-    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in sorted(set(kinds)))
+    kinds = [each.kind for each in simulation.labels]
+    truth = {kind: kinds.count(kind) for kind in sorted(set(kinds))}
+    if json:
+        print_json({"path": str(out), "truth": truth})
+    else:
+        told = ", ".join(f"{count} {kind}" for kind, count in truth.items())
+        print_line(f"wrote {out}: {told}")
 
 
 def vehicle(
@@ -344,6 +345,7 @@ def vehicle(
     swells: int | None = None,
     stops: int | None = None,
     force: Force = False,
+    json: Json = False,
 ) -> None:
     """Make vehicles that pass sensors beside a road; passes, ways, speeds and levels known.
 
@@ -450,7 +452,7 @@ def vehicle(
         swells=swells,
         stops=stops,
     )
-    store(simulate_vehicle(options), out, force=force)
+    store(simulate_vehicle(options), out, force=force, json=json)
 
 
 def _place(text: str) -> tuple[float, float]:
@@ -487,6 +489,7 @@ def line(
     flipped: Texts = None,
     random: Annotated[bool, FLAG] = False,
     force: Force = False,
+    json: Json = False,
 ) -> None:
     """Make shots on a line of geophones; shots, triggers and arrivals known.
 
@@ -549,7 +552,7 @@ def line(
         flipped=tuple(flipped or ()),
         random=random,
     )
-    store(simulate_line(options), out, force=force)
+    store(simulate_line(options), out, force=force, json=json)
 
 
 def _layer(text: str) -> tuple[float, float]:
