@@ -669,8 +669,11 @@ def readable(
     try:
         return list(reader.blocks(messages, joined=joined))
     except CodecError as error:
-        if len(messages) == 1:
-            leave_out(messages[0], error)
+        # millions of empty messages are not tried one by one
+        times = messages.rows["log_time"]
+        if messages.alike() == len(messages) and times.min() >> 63 == times.max() >> 63:
+            for message in messages:
+                leave_out(message, error)
             return []
     half = len(messages) // 2
     first = readable(reader, messages[:half], leave_out, joined=joined)
@@ -821,19 +824,15 @@ class CountedMessages:
 def lags_of(file: McapFile, readers: dict[int, ChannelReader]) -> dict[int, Lag]:
     """Return the lag of each channel that has samples, by its id."""
     begin = next(file.tables(readers.keys()), MessageTable.none())
-    found = {}
-    for channel_id, reader in readers.items():
-        own = begin.of_channels([channel_id])
-        lag = _lag([own], reader) or _lag(file.tables({channel_id}), reader)
-        if lag is not None:
-            found[channel_id] = lag
-    return found
+    found = {i: _lag([begin.of_channels([i])], reader) for i, reader in readers.items()}
+    del begin  # its memory is wanted for what comes first of each other channel
+    late = {i: found[i] or _lag(file.tables({i}), reader) for i, reader in readers.items()}
+    return {i: lag for i, lag in late.items() if lag is not None}
 
 
 def _lag(tables: Iterable[MessageTable], reader: ChannelReader) -> Lag | None:
     """Return the lag of a channel's first message that can be read."""
-    every = (table[i : i + 1] for table in tables for i in range(len(table)))
-    for message in every:
+    for message in (first for table in tables for first in _firsts(table)):
         try:
             times = [b.sample_times() for _, b in reader.blocks(message)]
         except CodecError:
@@ -844,3 +843,10 @@ def _lag(tables: Iterable[MessageTable], reader: ChannelReader) -> Lag | None:
             logged = message[0].log_time
             return Lag(logged - late, logged - early, early)
     return None
+
+
+def _firsts(table: MessageTable) -> Iterator[MessageTable]:
+    """Yield the messages of a table, of those in a row that are the same the first alone."""
+    while table:
+        yield table[:1]
+        table = table[table.alike() :]

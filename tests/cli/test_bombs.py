@@ -20,6 +20,7 @@ from rosbags import rosbag1
 from rosbags.typesys import Stores, get_typestore
 
 from groundtrace.cli.main import main
+from groundtrace_codecs import Channel, Recording, SignalBlock, Stream, write_recording
 from groundtrace_codecs.mcap.chunks import CHANNEL, CHUNK, DATA_END, FOOTER, HEADER, MAGIC, MESSAGE
 
 if TYPE_CHECKING:
@@ -65,6 +66,21 @@ def many_chunks_of_one_time(path: Path) -> Path:
     return recording(path, 6 * [chunk(message(bytes(30_000_000)))])
 
 
+def many_unreadable_messages(path: Path) -> Path:
+    imu = [f"{name}_{axis}" for name in ("acc", "gyro") for axis in "xyz"]
+    units = 3 * [("acceleration", "m/s2")] + 3 * [("angular_velocity", "rad/s")]
+    channels = (Channel(name, *unit) for name, unit in zip(imu, units, strict=True))
+    stream = Stream("/imu", tuple(channels), 100.0)
+    block = SignalBlock(stream, 0, 0, np.ones((100, 6)))
+    write_recording(path, [(stream, "f32le", [block])], force=True)
+    whole = path.read_bytes()
+    summary = struct.unpack_from("<Q", whole, len(whole) - len(MAGIC) - 20)[0]
+    end = record(DATA_END, bytes(4)) + record(FOOTER, bytes(20)) + MAGIC
+    chunks = 4 * [chunk(message(b"") * 1_000_000)]
+    path.write_bytes(whole[: summary - len(record(DATA_END, bytes(4)))] + b"".join(chunks) + end)
+    return path
+
+
 def held(command: list[object]) -> int:
     """Run a command; return the most memory that it held at once [bytes]."""
     tracemalloc.start()
@@ -94,6 +110,17 @@ def test_a_small_file_takes_little_memory_and_is_told(
     if command != "info" or make is not many_chunks_of_one_time:  # info reads no messages
         said = capsys.readouterr()
         assert found in " ".join((said.out + said.err).split())
+
+
+def test_a_recording_of_unreadable_messages_is_opened_in_little_memory(tmp_path: Path) -> None:
+    small = many_unreadable_messages(tmp_path / "small.mcap")
+    tracemalloc.start()
+    try:
+        with Recording.open(small) as recording:
+            assert sum(recording.file.message_counts.values()) > 4_000_000
+        assert tracemalloc.get_traced_memory()[1] < MOST_BYTES
+    finally:
+        tracemalloc.stop()
 
 
 ARCHIVE_MAP = """format = "{form}"

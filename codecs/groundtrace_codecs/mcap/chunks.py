@@ -703,8 +703,22 @@ _ORDER: Final = ("sequence", "channel_id", "log_time")
 _LATEST_NS: Final = (1 << 64) - 1
 #: Copies of the rows while they are sorted: rows, joined ones, keys, and what they come out as.
 _SORTED_ROWS: Final = 4
+#: Payloads of at most so many bytes are looked at for whether they are all the same. chosen by
+#: judgement: a megabyte that unpacks to millions of messages has short ones.
+_SHORT: Final = 256
+#: Heads of messages that are copied at once.
+_HEADS: Final = 1 << 16
 #: Rows that become Python's numbers at once, which take ten times the memory.
 _LISTED: Final = 4096
+
+
+def _heads(
+    records: memoryview, places: NDArray[np.int64]
+) -> Iterator[tuple[slice, NDArray[np.void]]]:
+    """Yield the heads of the messages at some places, and which of the places, some at once."""
+    for first in range(0, len(places), _HEADS):
+        some = slice(first, first + _HEADS)
+        yield some, copied(records, places[some], _TABLE_HEAD.itemsize).view(_TABLE_HEAD)
 
 
 class MessageTable(Sequence[Message]):
@@ -727,13 +741,13 @@ class MessageTable(Sequence[Message]):
     @classmethod
     def at(cls, records: memoryview, places: NDArray[np.int64]) -> Self:
         """Take the messages whose records begin at ``places``, each of them whole."""
-        heads = copied(records, places, _TABLE_HEAD.itemsize).view(_TABLE_HEAD)
         rows = np.empty(len(places), _ROW)
-        for name in _COPIED:
-            rows[name] = heads[name]
+        for some, heads in _heads(records, places):
+            for name in _COPIED:
+                rows[name][some] = heads[name]
+            rows["length"][some] = heads["size"].astype(np.int64) - MESSAGE_FIELDS
         rows["piece"] = 0
         rows["start"] = places + _TABLE_HEAD.itemsize
-        rows["length"] = heads["size"].astype(np.int64) - MESSAGE_FIELDS
         return cls((records,), rows)
 
     @classmethod
@@ -822,11 +836,30 @@ class MessageTable(Sequence[Message]):
         ends = [*np.flatnonzero(np.diff(pieces)) + 1, len(rows)] if len(rows) else []
         for begin, end in pairwise([0, *ends]):
             places = starts[begin:end] - _TABLE_HEAD.itemsize
-            heads = copied(self.pieces[pieces[begin]], places, _TABLE_HEAD.itemsize).view(
-                _TABLE_HEAD
-            )
-            rows["log_time"][begin:end] = heads["log_time"]
+            for some, heads in _heads(self.pieces[pieces[begin]], places):
+                rows["log_time"][begin:end][some] = heads["log_time"]
         return MessageTable(self.pieces, rows)
+
+    def alike(self) -> int:
+        """Return how many messages, from the first on, have its payload, if that is a short one.
+
+        Of a table that has some; what is so for the first is so for them, as long as it does not
+        depend on the log time.
+        """
+        size = int(self.rows["length"][0])
+        if size > _SHORT:
+            return 1
+        first, done, step = self._payloads(self.rows[:1], size), 1, 1
+        while done < len(self):
+            rows = self.rows[done : done + step]
+            same = rows["length"] == size
+            if size and same.any():
+                here = self._payloads(rows[same], size).view(("u1", size))
+                same[same] = (here == first.view("u1")).all(axis=1)
+            if not same.all():
+                return done + int(same.argmin())
+            done, step = done + len(rows), 2 * step
+        return done
 
     def before(self, time_ns: int) -> int:
         """Return how many messages were logged before a time [ns], of a table in order."""

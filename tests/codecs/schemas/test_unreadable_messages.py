@@ -6,14 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from groundtrace_codecs import Channel, CodecError, SignalBlock, Stream
-from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.errors import SchemaError
+from groundtrace_codecs.mcap.chunks import Message, MessageTable
+from groundtrace_codecs.recording import LoggedBlock, Recording, readable
 from groundtrace_codecs.writer import write_recording
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 STREAM = Stream("/seismic", (Channel("G1", "seismic", "count"),), 1000.0)
@@ -118,3 +123,40 @@ def test_a_foreign_channel_nobody_can_read_is_listed_beside_what_can_be(
         seen = {s.topic for s in recording.streams} | {o.topic for o in recording.others}
         # ours by name, though nothing of it can be decoded
         assert seen >= {f"/t{i}" for i in range(1, len(FOREIGN))}
+
+
+class Refusing:
+    """A reader to which messages that begin with x are unreadable; it counts how often it tries."""
+
+    streams = (STREAM,)
+
+    def __init__(self) -> None:
+        self.tries = 0
+
+    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[LoggedBlock]:  # noqa: ARG002
+        self.tries += 1
+        if any(bytes(m.data[:1]) in {b"", b"x"} for m in messages):
+            raise SchemaError("expected a message, found junk")
+        block = SignalBlock(STREAM, 0, 0, np.zeros((len(messages), 1)))
+        yield LoggedBlock(messages[-1].log_time, block)
+
+
+@pytest.mark.parametrize("payload", [b"", b"x", b"xyz"])
+def test_the_same_unreadable_message_is_tried_a_few_times_however_often_it_comes(
+    payload: bytes,
+) -> None:
+    payloads = [b"good"] * 3 + [payload] * 100_000 + [b"good"] * 2
+    table = MessageTable.of(Message(1, k, k, k, memoryview(p)) for k, p in enumerate(payloads))
+    reader, left_out = Refusing(), list[int]()
+    found = readable(reader, table, lambda m, _: left_out.append(m.sequence))
+    assert sum(len(block) for _, block in found) == 5
+    assert left_out == list(range(3, 100_003))
+    assert reader.tries < 100
+
+
+@settings(max_examples=50)
+@given(st.lists(st.sampled_from([b"", b"a", b"b", b"aa", b"c" * 300]), min_size=1, max_size=40))
+def test_messages_alike_are_those_with_the_payload_of_the_first(payloads: list[bytes]) -> None:
+    table = MessageTable.of(Message(1, 0, 0, 0, memoryview(p)) for p in payloads)
+    run = next((k for k, p in enumerate(payloads) if p != payloads[0]), len(payloads))
+    assert table.alike() == (run if len(payloads[0]) <= 256 else 1)
