@@ -62,3 +62,20 @@ def test_names_of_recordings_pipelines_and_settings_are_offered(
     offered = {line.partition("\t")[0] for line in lines}
     begun = typed.split()[-1]
     assert {each for each in offered if each.startswith(begun)} == set(OFFERED[typed])
+
+
+def test_parameters_are_looked_up_once_and_again_after_a_change(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda _name: str(Path("cache").absolute()))
+    typed = ("__complete", "replay", "walk.mcap", "--set", "steps.sc")
+    first = done(capsys, *typed).out
+    assert "steps.score=" in first
+    kept = Path("cache", "parameters.json")
+    with monkeypatch.context() as later:
+        later.setattr("groundtrace.pipeline.plugins.load", None)  # no stage is imported
+        assert done(capsys, *typed).out == first
+    for other in (b"{", kept.read_bytes().replace(b'"state": "', b'"state": "another')):
+        kept.write_bytes(other)
+        assert done(capsys, *typed).out == first
+        assert kept.read_bytes() != other

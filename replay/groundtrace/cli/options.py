@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -50,17 +51,49 @@ def _pipelines(typed: CompletionContext) -> Iterator[str]:
 def _settings(typed: CompletionContext) -> dict[str, str]:
     """Return ``stage.param=`` of the pipelines named so far, or of all, with what each means."""
     from ..pipeline.config import load_pipeline, named_pipelines
-    from ..pipeline.parameters import describe
-    from ..pipeline.plugins import stage_named
 
     named = typed.get("--pipeline")
-    names = (named and named.raw_tokens) or named_pipelines()
+    known = _parameters()
     return {
-        f"{stage.key}.{each.name}=": each.doc
-        for name in names
-        for stage in load_pipeline(name).stage
-        for each in describe(stage_named(stage.use).Parameters)
+        f"{stage.key}.{name}=": doc
+        for each in (named and named.raw_tokens) or named_pipelines()
+        for stage in load_pipeline(each).stage
+        for name, doc in known[stage.use].items()
     }
+
+
+def _parameters() -> dict[str, dict[str, str]]:
+    """Return the parameters of each installed stage, with what they mean.
+
+    Importing all stages takes seconds, too long for the tab key: what they have is kept in the
+    user's cache folder until another one is installed or code changes.
+    """
+    import hashlib
+    import json
+
+    import platformdirs
+
+    from ..pipeline.parameters import describe
+    from ..pipeline.plugins import plugins, stage_named
+
+    stages = plugins("stages")
+    code = [path.stat().st_mtime_ns for path in Path(__file__).parents[1].rglob("*.py")]
+    state = hashlib.sha256(repr((stages, sorted(code))).encode()).hexdigest()
+    kept = Path(platformdirs.user_cache_dir("groundtrace"), "parameters.json")
+    try:
+        before = json.loads(kept.read_text("utf-8"))
+        if before["state"] == state:
+            return dict(before["stages"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass  # none is kept, or not a whole one: it is made anew
+    found = {
+        stage.name: {each.name: each.doc for each in describe(stage_named(stage.name).Parameters)}
+        for stage in stages
+    }
+    with suppress(OSError):  # a folder that nobody may write to costs time alone
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps({"state": state, "stages": found}), "utf-8")
+    return found
 
 
 #: Of a switch that has no opposite, or a list that cannot be emptied.
