@@ -43,7 +43,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "plot_gallery": True,
     "write_computation_times": False,  # their page loads scripts from elsewhere
-    "capture_repr": ("_repr_html_", "__repr__"),
+    "capture_repr": ("_repr_html_",),  # tables, and not what drawing returns
 }
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True

@@ -43,3 +43,11 @@ def test_each_file_that_notes_something_has_a_message_on_the_page() -> None:
     assert len(noting) >= 10
     without = {path.stem for path in noting if not texts(path) & told}
     assert without == PASS_ON
+
+
+def test_each_file_with_a_note_that_is_no_warning_has_one_on_the_page() -> None:
+    told = {text for level, text in rows() if level == "INFO"}
+    quiet = re.compile(r'Note\([^)]*"INFO"|Note\((?!.*"(?:WARN|ERROR)")[^)]*source=')
+    noting = [path for path in CODE if quiet.search(path.read_text("utf-8"))]
+    assert len(noting) >= 6
+    assert {path.stem for path in noting if not texts(path) & told} == {"disagreement"}
