@@ -5,19 +5,19 @@ from __future__ import annotations
 import csv
 import json
 import re
-from typing import TYPE_CHECKING
+import tomllib
+from pathlib import Path
 
+import numpy as np
 import pytest
 from command_runs import done, run
 
 from groundtrace_codecs.events import Label
 from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_codecs.truth import read_truth_csv
 from groundtrace_codecs.writer import write_recording
 from groundtrace_recordings import path_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Capture = pytest.CaptureFixture[str]
 #: It clears the screen, names the window, reverses the line, and is a formula.
@@ -77,3 +77,25 @@ def test_no_cell_is_a_formula_and_the_text_comes_back(
     assert formulas == []
     assert any("=A1" in cell for cell in cells)
     assert HOSTILE in {label.label for label in read_truth_csv(tmp_path / "truth.csv", 0)}
+
+
+def test_names_of_channels_that_are_formulas_come_back_by_a_guessed_map(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = ["=A1", "+1+2", "-B2", "@SUM(1)", "'=quoted", "plain"]
+    stream = Stream("/s", tuple(Channel(name, "seismic", "count") for name in names), 100.0)
+    samples = np.arange(300 * len(names)).reshape(-1, len(names)).astype("<i4")
+    write_recording("a.mcap", [(stream, "i32le", [SignalBlock(stream, 10**18, 0, samples)])])
+    done(capsys, "export", "a.mcap", "-o", "a.csv", "--kind", "signals")
+    header = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert not [cell for cell in header if cell.startswith(tuple("=+-@"))]
+    done(capsys, "import", "a.csv", "--guess", "-o", "map.toml")
+    done(capsys, "import", "a.csv", "--map", "map.toml", "-o", "b.mcap")
+    columns = {
+        c["column"] for c in tomllib.loads(Path("map.toml").read_text())["stream"][0]["columns"]
+    }
+    assert {f"{name}_count" for name in names} <= columns
+    with Recording.open("b.mcap") as back:
+        found = np.concatenate([stamped.block.samples for stamped in back.blocks()])
+    np.testing.assert_array_equal(found[:, -len(names) :], samples)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import FormatError, SchemaError
 from ..signals import NS_PER_S
+from ..truth import plain_cell
 from .map import TIME_UNITS_NS
 from .time import timestamps
 
@@ -507,7 +508,7 @@ def _split(text: str, delimiter: str, encoding: str) -> RawTable | None:
     rows = [row for row in cells[start:] if len(row) == width]
     if len(rows) < _MIN_ROWS:
         return None
-    header = tuple(c.strip() for c in cells[start - 1]) if start else ()
+    header = tuple(plain_cell(c.strip()) for c in cells[start - 1]) if start else ()
     if len(header) == width - 1 and not any(row[-1].strip() for row in rows):
         header = (*header, "")  # only the rows end in a separator
     decimal: Literal[".", ","] = "." if delimiter == "," or not _commas(rows) else ","
