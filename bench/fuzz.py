@@ -103,6 +103,7 @@ def fuzz(name: str, inputs: int, folder: Path, out: Path) -> None:
     watch = Watch(name, target, inputs, folder, out)
     longest = max(map(len, made)) * 5 // 4
     limits = [f"-timeout={HANG_S}", f"-rss_limit_mb={MAX_MB}", f"-max_len={longest}"]
+    limits.append(f"-artifact_prefix={out}/")  # what it keeps of its own goes there, too
     atheris.Setup([sys.argv[0], *limits, "-seed=1", str(seeds)], watch)
     atheris.Fuzz()
 
