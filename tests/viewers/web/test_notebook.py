@@ -52,3 +52,18 @@ def test_without_the_widget_one_line_says_what_to_install(monkeypatch: pytest.Mo
     monkeypatch.setattr(notebook, "find_spec", lambda _: None)
     with pytest.raises(ViewerError, match=r"expected the package rerun-notebook \(pip install"):
         groundtrace_viewers.show("walk.results.mcap")
+
+
+def test_the_program_of_the_widget_asks_no_other_host(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = ModuleType(notebook.PACKAGE)
+    fake.Viewer = Widget  # type: ignore[attr-defined]
+    fake.ESM_MOD = "export default {\n render: () => arg0.fetch(arg1) };"  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, notebook.PACKAGE, fake)
+    walk = shared_walk(tmp_path)
+    widget = groundtrace_viewers.show(str(walk.results), rrd=walk.rrd)
+    assert isinstance(widget, Widget)
+    program = type(widget)._esm
+    assert program.startswith(notebook.GUARD)
+    assert program.endswith("render: () => fetch(arg1) };")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 from contextlib import redirect_stdout
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +20,16 @@ from ..errors import ViewerError
 PACKAGE = "rerun_notebook"
 #: Where the widget takes the viewer from: the installed package, or by default a server of others.
 ASSET = "RERUN_NOTEBOOK_ASSET"
+#: Stands before the widget's program. The viewer asks a code host for its latest release when it
+#: starts, which no option of the widget prevents; its program has no other way to a network.
+GUARD = """
+const fetch = async (...asked) => {
+  const url = new URL(asked[0].url ?? asked[0], document.baseURI);
+  if (!["data:", "blob:"].includes(url.protocol) && url.origin !== location.origin)
+    throw new TypeError(`${url.origin} is not asked: groundtrace shows results without a network`);
+  return globalThis.fetch(...asked);
+};
+"""
 
 
 def show(
@@ -87,4 +99,14 @@ def _widget_class() -> Any:
             )
         os.environ.setdefault(ASSET, "inline")
     with redirect_stdout(io.StringIO()):  # it says that it does as it was asked
-        return import_module(PACKAGE).Viewer
+        package = import_module(PACKAGE)
+    program = getattr(package, "ESM_MOD", "")
+    # the program itself, where it is not the address of one
+    return _guarded(package.Viewer, program) if "\n" in str(program) else package.Viewer
+
+
+@cache
+def _guarded(widget: Any, program: str) -> Any:
+    """Return the widget with a program that asks no other host."""
+    offline = GUARD + re.sub(r"\w+\.fetch\(", "fetch(", program)
+    return type("Viewer", (widget,), {"_esm": offline, "__doc__": widget.__doc__})
