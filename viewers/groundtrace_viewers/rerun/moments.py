@@ -86,6 +86,20 @@ class PageMoment:
         Which stage it comes from; empty where none.
     text
         For people: what it is, or why it went wrong.
+    """
+
+    t_s: float
+    kind: str
+    stage: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class WrongMoment(PageMoment):
+    """A wrong decision.
+
+    Attributes
+    ----------
     remedy, effect
         Of a wrong step: the smallest change that mends it, as ``--set`` takes it, and what it does
         to the recording; empty where there is none.
@@ -93,10 +107,6 @@ class PageMoment:
         What the gates said of its candidate.
     """
 
-    t_s: float
-    kind: str
-    stage: str
-    text: str
     remedy: str = ""
     effect: str = ""
     gates: tuple[PageGate, ...] = ()
@@ -179,7 +189,7 @@ class PageMoments:
     steps: str
     truth: bool
     events: tuple[PageMoment, ...]
-    misses: tuple[PageMoment, ...]
+    misses: tuple[WrongMoment, ...]
     opens_s: float | None = None
     live: bool = False
     pending: int = 0
@@ -374,9 +384,13 @@ def _moment(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> Pa
     return PageMoment((time_ns - start_ns) / NS_PER_S, kind, stage, text)
 
 
+def _wrong(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> WrongMoment:
+    return WrongMoment((time_ns - start_ns) / NS_PER_S, kind, stage, text)
+
+
 def _wrong_steps(
     evidence: Evidence, events: Sequence[Event], steps: str, within_s: float
-) -> list[PageMoment]:
+) -> list[WrongMoment]:
     """Return missed and false steps, each with the first thing that made it so, and its remedy.
 
     After so many seconds the rest are told without: :data:`PENDING` stands for why.
@@ -395,7 +409,7 @@ def _wrong_steps(
     return [
         explained.moment(time_ns, kind)
         if monotonic() - began_s < within_s
-        else _moment(time_ns, start_ns, kind, "", PENDING)
+        else _wrong(time_ns, start_ns, kind, "", PENDING)
         for time_ns, kind in sorted(every)
     ]
 
@@ -408,7 +422,7 @@ class _StepMoments:
         self._reasons = StepReasons(evidence, TOLERANCE_S, matching)
         self._healer = RemedySearch(OfflineDecider(evidence), TOLERANCE_S)
 
-    def moment(self, time_ns: int, kind: str) -> PageMoment:
+    def moment(self, time_ns: int, kind: str) -> WrongMoment:
         """Return why a step is missed or false, and what mends it."""
         evidence, reasons = self._evidence, self._reasons
         pair = reasons.wrong_time(time_ns)
@@ -417,15 +431,17 @@ class _StepMoments:
             reason = reasons.at(time_ns)
             found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
             text = f"{reason.cause}: {reason.text}{found}"
-            moment = _moment(time_ns, evidence.start_ns, kind, reason.stage, text)
+            moment = _wrong(time_ns, evidence.start_ns, kind, reason.stage, text)
             return _mended(moment, remedy, reason.readings)
         answers = "" if pair is None else f"{pair.text}; "
         text = answers + let_pass(narrowest(evidence, time_ns))
-        moment = _moment(time_ns, evidence.start_ns, kind, self._steps, text)
+        moment = _wrong(time_ns, evidence.start_ns, kind, self._steps, text)
         return _mended(moment, remedy, gates_at(evidence, time_ns))
 
 
-def _mended(moment: PageMoment, remedy: Remedy | None, gates: Sequence[GateReading]) -> PageMoment:
+def _mended(
+    moment: WrongMoment, remedy: Remedy | None, gates: Sequence[GateReading]
+) -> WrongMoment:
     """Return a wrong decision with what mends it and what its gates said."""
     shown = tuple(
         PageGate(
@@ -445,20 +461,20 @@ def _mended(moment: PageMoment, remedy: Remedy | None, gates: Sequence[GateReadi
     return replace(moment, remedy=settings, effect=effect, gates=shown)
 
 
-def _wrong_picks(evidence: Evidence) -> list[PageMoment]:
+def _wrong_picks(evidence: Evidence) -> list[WrongMoment]:
     """Return late, early, missed and false picks where true arrivals are known."""
     picking = any(part.spec.emits == "pick" for part in evidence.stages)
     if not picking or not any(label.kind == "pick" for label in evidence.labels):
         return []
     found = pick_account(evidence)
     return [
-        PageMoment(bad.time_s, bad.state, found.stage, f"{bad.channel}: {bad.reason.text}")
+        WrongMoment(bad.time_s, bad.state, found.stage, f"{bad.channel}: {bad.reason.text}")
         for bad in found.bad
     ]
 
 
-def _wrong_passes(evidence: Evidence, events: Sequence[Event]) -> list[PageMoment]:
+def _wrong_passes(evidence: Evidence, events: Sequence[Event]) -> list[WrongMoment]:
     """Return missed and false passes of the last stage that finds passes."""
     stage, wrong = wrong_passes(evidence, events)
     start_ns = evidence.start_ns
-    return [_moment(one.time_ns, start_ns, one.verdict, stage, one.text) for one in wrong]
+    return [_wrong(one.time_ns, start_ns, one.verdict, stage, one.text) for one in wrong]

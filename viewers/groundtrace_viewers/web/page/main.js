@@ -64,7 +64,7 @@ class Page {
 
   /** Take over where a person put the viewer's cursor; data that still come in move it too: back, then. */
   moved(seconds) {
-    if (this.touched || this.moments.live || !this.opened) this.player.follow(seconds);
+    if (this.touched || this.moments.live) this.player.follow(seconds);
     else if (this.returns-- > 0) this.viewer.seek(this.player.at);
   }
 
@@ -263,14 +263,13 @@ class Page {
     this.strip.draw(this.jumps.all, marks.all, player, marks.span_start);
   }
 
-  /** Start the viewer, go to where the page opens, and show the marks. */
+  /** Start the viewer where the panel is by then, and show the marks. */
   async start(layout, recording) {
-    const started = this.viewer.start(byId("viewer"), layout, recording);
+    const shown = () => { byId("status").hidden = true; };
+    const started = this.viewer.start(byId("viewer"), layout, recording, shown);
     if (this.marking) await this.marks.load();
     await started;
-    byId("status").hidden = true;
     if (this.moments.live) this.renew();
-    else this.player.go(this.opening());
     if (this.moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     this.opened = true;
     if (this.marking) await this.layer();
@@ -322,11 +321,16 @@ class Page {
 
 async function main() {
   try {
-    const program = compiled(answer_of("re_viewer_bg.wasm")); // it takes longest: nothing comes before it
-    const [config, moments, layout, recording] = await Promise.all([
-      document_of("page.json"), document_of("moments.json"), bytes_of("layout.rrd"),
-      bytes_or_address("replay.rrd"), program]);
-    await new Page(config, moments).start(layout, recording);
+    const documents = Promise.all([document_of("page.json"), document_of("moments.json")]);
+    const program = compiled(answer_of("re_viewer_bg.wasm")); // it takes longest: only words come before it
+    const viewer = Promise.all([bytes_of("layout.rrd"), bytes_or_address("replay.rrd"), program]);
+    viewer.catch(() => {}); // told below, when it is waited for
+    const [config, moments] = await documents;
+    const page = new Page(config, moments); // its panel answers while the viewer is compiled
+    if (!moments.live) page.player.go(page.opening());
+    performance.mark("panel-shown");
+    const [layout, recording] = await viewer;
+    await page.start(layout, recording);
   } catch (error) {
     byId("status").hidden = true;
     complain(error.message ?? String(error));
