@@ -60,6 +60,7 @@ class Layout:
     at_s: float | None = None
 
 
+STATIONS = ("--layout", "stations", "--passes", "5")
 LAYOUTS = (
     Layout("walker-miss", ("lower-back",)),
     Layout("walker-ways", ("waist-walk",), ("--pipeline", "pedestrian"), 30.0),
@@ -73,7 +74,7 @@ LAYOUTS = (
     Layout("shots", ("import", "refrapy-seg2/field_example_02/data"), (), None),
     Layout("shots-simulated", ("simulate", "line", "--seed", "2")),
     Layout("vehicle", ("vehicle-pass",), (), 15.0),
-    Layout("vehicle-passes", ("simulate", "vehicle", "--seed", "3"), (), 20.0),
+    Layout("vehicle-passes", ("simulate", "vehicle", "--seed", "3", *STATIONS), (), 11.5),
 )
 #: More that an import needs.
 IMPORTED = {
@@ -81,7 +82,12 @@ IMPORTED = {
     "heading": ("--map", "broad-mat"),
 }
 #: What has a pipeline of its own.
-PIPELINES = {"heading": "heading", "shots": "hammer-shots", "shots-simulated": "hammer-shots"}
+PIPELINES = {
+    "heading": "heading",
+    "shots": "hammer-shots",
+    "shots-simulated": "hammer-shots",
+    "vehicle-passes": "vehicle-passes",
+}
 
 
 def quietly(*arguments: str) -> None:

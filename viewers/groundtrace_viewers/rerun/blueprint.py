@@ -65,6 +65,8 @@ DECIDED_ALONE = (1.0, 1.1)
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
 SPECTRUM_S = (0.05, 0.25)
 HEADING_S = 5.0
+#: What a walker's wrong step is decided on, to either side of the cursor: some six steps [s].
+STEPS_S = 4.0
 #: Recordings up to this are seen whole at first, of longer ones so much to either side of the
 #: cursor [s].
 WHOLE_S, AROUND_CURSOR_S = 90, 30
@@ -334,6 +336,8 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     tonal += [fixed(e, e.path, around(*SPECTRUM_S)) for e in _of(entities, "spectrum")]
     margins = [bounded(e) for e in _of(entities, "margins")]
     decided = [_decision(e) for e in _of(entities, "detector")]
+    if session.application == "walker" and _of(entities, "bars"):  # marks of minutes would crowd
+        decided, margins = [_near(view) for view in decided], [_near(view) for view in margins]
     decisions = [*_parts(decided, 1.8), *_parts(margins, 1.8)]
     if session.application == "room":  # it has more plots than a small window has room for
         decisions = _parts([*margins, *decided], 1.8)
@@ -401,6 +405,13 @@ def _driven(entities: Sequence[Entity], decisions: Sequence[Part]) -> list[Part]
 
 def _decision(entity: Entity) -> rrb.View:
     return fixed(entity, entity.path.removesuffix("/decision"), linked())
+
+
+def _near(view: rrb.View) -> rrb.View:
+    """Return a plot of the whole recording as one of what is about the cursor."""
+    view.name = f"{view.name}, cursor ± {STEPS_S:g} s"
+    view.properties["TimeAxis"] = around(STEPS_S, STEPS_S)
+    return view
 
 
 def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> list[Part]:
@@ -649,7 +660,7 @@ def bars(entity: Entity) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=(-175.0, 175.0), y_range=(-16.0, entity.top + 8.0)
+            x_range=(-200.0, 200.0), y_range=(-16.0, entity.top + 8.0)
         ),
     )
 

@@ -218,8 +218,9 @@ CROSSINGS = f"{SITE}/crossings"
 PASSES, CROSSED = "/table/passes", "/table/crossings"
 #: A lane for each direction of the vehicles that passed.
 LANES = "/state/5-passes"
-#: Where at the map's side what a crossing says stands: a part of its width from the edge.
-LABEL = 0.07
+#: Where at the map's side what a crossing says stands: parts of the map's width from the edge, and
+#: above its line, where sensors have their names below.
+LABEL, LABEL_ABOVE = 0.07, 0.06
 
 
 def pass_text(one: Pass) -> str:
@@ -287,7 +288,8 @@ class PassView(VehicleView):
 
         path = f"{CROSSINGS}/{one.line}"
         when = f"{(one.time_ns - self._timeline.start_ns) / NS_PER_S:.2f} s"
-        side = (shown.x[1] - LABEL * (shown.x[1] - shown.x[0]), one.y_m)
+        width = shown.x[1] - shown.x[0]
+        side = (shown.x[1] - LABEL * width, one.y_m + LABEL_ABOVE * width)
         columns = rr.Points2D.columns(
             positions=[(one.x_m, one.y_m), side],
             labels=["", f"{one.line}: {when}, {one.speed_mps:.1f} m/s"],

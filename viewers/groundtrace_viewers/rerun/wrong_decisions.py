@@ -547,7 +547,7 @@ class DecisionCard:
 
 #: Radius of a ring about a sensor, how far above it its verdict stands, and how far below where the
 #: map's key is above, as parts of the site.
-RING, ABOVE, BELOW = 0.035, 0.085, 0.11
+RING, ABOVE, BELOW = 0.035, 0.14, 0.11
 VERDICTS = f"{SITE}/verdicts"
 
 
@@ -587,13 +587,15 @@ class SensorVerdicts:
         self._timeline.send(f"{VERDICTS}/rings", times, columns.partition(counts))
         words = rr.Points2D.from_fields(show_labels=True, radii=0.0)
         self._timeline.static(f"{VERDICTS}/words", words)
+        told = [[ring for ring in row if ring.text] for row in rings]
+        red = [ring for row in told for ring in row]
         said = rr.Points2D.columns(
-            positions=np.array([ring.place for ring in shown], np.float32)
-            + np.array([self._beside(ring.place) for ring in shown], np.float32),
-            labels=[ring.text for ring in shown],
-            colors=colours,
+            positions=np.array([ring.place for ring in red], np.float32)
+            + np.array([self._beside(ring.place) for ring in red], np.float32),
+            labels=[ring.text for ring in red],
+            colors=np.array([ring.colour for ring in red], np.uint32),
         )
-        self._timeline.send(f"{VERDICTS}/words", times, said.partition(counts))
+        self._timeline.send(f"{VERDICTS}/words", times, said.partition([len(row) for row in told]))
 
     def _beside(self, place: tuple[float, float]) -> tuple[float, float]:
         """Return where a verdict stands from its sensor: clear of its name and of the map's key."""
@@ -610,7 +612,7 @@ class SensorVerdicts:
             if said:
                 why[channel] = _short(said[0].removeprefix(f"{channel} "))
         return [
-            Ring(place, MISSED if channel in why else ACCEPTED, why.get(channel, "picked"))
+            Ring(place, MISSED if channel in why else ACCEPTED, why.get(channel, ""))
             for channel, place in self._place.items()
         ]
 
@@ -622,7 +624,7 @@ def _short(text: str) -> str:
 
 
 class Ring(NamedTuple):
-    """A ring about a sensor: where [m], its colour, and what is said of it."""
+    """A ring about a sensor: where [m], its colour, and what it lacks; nothing where it picked."""
 
     place: tuple[float, float]
     colour: int
