@@ -20,7 +20,7 @@ from groundtrace_viewers.web.server import (
     replay_page,
 )
 
-DOCUMENTATION = Path(__file__).parents[3] / "docs" / "page.md"
+DOCUMENTATION = Path(__file__).parents[3] / "docs" / "keys.md"
 
 
 def names(pattern: str, text: str) -> list[str]:
@@ -108,9 +108,7 @@ def test_the_documentation_lists_every_key() -> None:
     keys = {key for keys in names(r"^ +\[\[(\".+?\")\], ", table) for key in keys.split('", "')}
     written = {"ArrowRight": "→", "ArrowLeft": "←", "ArrowDown": "↓", "ArrowUp": "↑"}
     written |= {"PageDown": "PgDn", "PageUp": "PgUp", "Escape": "Esc", "Delete": "Del"}
-    documented = set(
-        names(r"`([^`\n]+)`", DOCUMENTATION.read_text("utf-8").partition("## Keys")[2])
-    )
+    documented = set(names(r"`([^`\n]+)`", DOCUMENTATION.read_text("utf-8")))
     parts = {part for key in keys for part in key.strip('"').split("+") if part} or {"+"}
     assert len(keys) > 25
     assert {written.get(p, p if len(p) > 1 else p.upper()) for p in parts} <= documented

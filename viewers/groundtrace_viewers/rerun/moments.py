@@ -45,6 +45,7 @@ from .wrong_decisions import (
     gates_at,
     let_pass,
     results_of,
+    value_text,
 )
 
 if TYPE_CHECKING:
@@ -446,7 +447,7 @@ def _mended(
     shown = tuple(
         PageGate(
             gate.gate,
-            readable(gate.value),
+            value_text(gate),
             "\u2265" if gate.value >= gate.threshold else "<",
             readable(gate.threshold),
             "" if gate.unit == "1" else gate.unit,

@@ -637,10 +637,16 @@ def _limit(gate: GateReading) -> str:
     return f"{gate.gate} {'≥' if at_least else '≤'} {readable(gate.threshold, 3)}"
 
 
-def _value(gate: GateReading) -> str:
+def value_text(gate: GateReading, digits: int = 4) -> str:
+    """Return a gate's value, in words where it has none."""
     if not np.isfinite(gate.value):
         return "no limit met" if gate.passed else "no number"
-    return f"{readable(gate.value, 3)} ({readable(gate.margin, 2, '+')})"
+    return readable(gate.value, digits)
+
+
+def _value(gate: GateReading) -> str:
+    margin = f" ({readable(gate.margin, 2, '+')})" if np.isfinite(gate.value) else ""
+    return f"{value_text(gate, 3)}{margin}"
 
 
 #: Shapes of gates in their plot, with what the title calls them.
