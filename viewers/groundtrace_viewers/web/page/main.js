@@ -269,6 +269,7 @@ class Page {
     const started = this.viewer.start(byId("viewer"), layout, recording, shown);
     if (this.marking) await this.marks.load();
     await started;
+    this.changed(); // the strip on as many pixels as there are again
     if (this.moments.live) this.renew();
     if (this.moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     this.opened = true;
