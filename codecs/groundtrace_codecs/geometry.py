@@ -108,6 +108,8 @@ class Geometry:
         unit that the places were written in.
     road
         Corners of the line of a road, in its forward direction [m].
+    paths
+        Corners of lines that people walk along, one each [m].
     """
 
     sensors: tuple[Sensor, ...] = ()
@@ -117,6 +119,7 @@ class Geometry:
     medium: Medium = Medium()
     unit: str = "m"
     road: tuple[tuple[float, float], ...] = ()
+    paths: tuple[tuple[tuple[float, float], ...], ...] = ()
 
     @property
     def length_unit(self) -> str:
@@ -317,7 +320,7 @@ def _listed(names: Sequence[str]) -> str:
 UNKNOWN_UNIT = "unknown"
 #: Metres of each unit that places may be written in.
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
-KEYS = ("unit", "outline", "start", "road", "sensor", "source", "medium")
+KEYS = ("unit", "outline", "start", "road", "paths", "sensor", "source", "medium")
 #: Where numbers that are lengths in the unit of the file stand in a table.
 PLACES = ("x", "y", "z")
 
@@ -370,7 +373,7 @@ def _scaled(value: Any, metres: float) -> Any:
 def geometry_text(fields: Mapping[str, Any]) -> str:
     """Return a geometry, as its fields, as TOML; fields without a value are left out."""
     lines = [f"unit = {_toml(fields['unit'])}"]
-    kept = [key for key in ("outline", "start", "road") if fields[key]]
+    kept = [key for key in ("outline", "start", "road", "paths") if fields[key]]
     lines += [f"{key} = {_toml(fields[key])}" for key in kept]
     if fields["sources"]:
         lines.append(f"source = {_toml(fields['sources'])}")

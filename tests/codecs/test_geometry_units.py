@@ -67,5 +67,7 @@ def test_a_geometry_written_as_toml_is_read_as_the_same(tmp_path: Path, unit: st
     sensors = (Sensor('a "b"\n', "G1", 0.1, -2.0, clock_offset_s=-1e-3), Sensor("c", "G2", 3, 4))
     site = Geometry(sensors, ((0.0, 0.0), (1.0, 0.0)), (0.5, 0.5), (("s", 1.0, 2.0),), medium, unit)
     assert read(tmp_path, site.to_toml()) == site
+    walked = replace(site, paths=(((0.0, 0.0), (1.0, 2.0)), ((1.0, 0.5), (2.0, 0.5))))
+    assert read(tmp_path, walked.to_toml()) == walked
     bare = replace(site, outline=(), start=None, sources=(), medium=Medium())
     assert read(tmp_path, bare.to_toml()) == bare

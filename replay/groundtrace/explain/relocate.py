@@ -164,7 +164,8 @@ class Relocator:
         return self._decided(worker, parameters, arrivals)
 
     def _decided(self, worker: Any, parameters: Any, arrivals: Arrivals) -> Located:
-        found = [worker.locate(times) for times in arrivals.times_s]
+        steps = zip(arrivals.step_ns.tolist(), arrivals.times_s, strict=True)
+        found = [worker.place(time_ns, times) for time_ns, times in steps]
         rows = [place_candidate(int(t), f) for t, f in zip(arrivals.step_ns, found, strict=True)]
         none = Candidates.empty(len(worker.columns))
         candidates = Candidates.concatenate([none, *rows])
@@ -191,15 +192,18 @@ class Relocator:
         """Return a localizer that has seen the steps before one: it may learn from them."""
         if positions is not None and not np.array_equal(positions, self.positions):
             worker = self._worker(positions, self.parameters)
-            for times in self.arrivals.times_s[:row]:
-                worker.locate(times)
+            self._place(worker, 0, row)
             return worker
         if self._ahead is None or row < self._seen:
             self._ahead, self._seen = self._worker(self.positions, self.parameters), 0
-        for times in self.arrivals.times_s[self._seen : row]:
-            self._ahead.locate(times)
+        self._place(self._ahead, self._seen, row)
         self._seen = row
         return copy.deepcopy(self._ahead)
+
+    def _place(self, worker: Any, first: int, stop: int) -> None:
+        """Let a localizer see some steps, from which it may learn."""
+        for row in range(first, stop):
+            worker.place(int(self.arrivals.step_ns[row]), self.arrivals.times_s[row])
 
     def arrivals_of(self, outcome: Outcome) -> Arrivals:
         """Return the arrivals that a pipeline decided with other settings would give."""
@@ -247,7 +251,7 @@ class Relocator:
         outline = np.array(self.geometry.outline, np.float64)
         worker = self.kind(parameters)
         room, medium = outline if len(outline) else None, self.geometry.medium
-        worker.prepare(PlacedSensors(positions, room, medium, self.geometry.length_unit))
+        worker.begin(PlacedSensors(positions, room, medium, self.geometry.length_unit))
         return worker
 
 

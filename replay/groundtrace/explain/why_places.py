@@ -25,7 +25,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..dsp.robust import MAD_SIGMA
+from ..dsp.robust import MAD_SIGMA, chi_square_quantile
 from ..errors import PipelineError, RecordingError
 from ..evaluation.matching import match_steps
 from ..evaluation.picks import RIGHT_S
@@ -824,7 +824,7 @@ class PositionErrorCause:
         scattered = self._scattered(row, right)
         # true arrivals that say so as well need less beside them
         normal = SURELY if scattered[0] == "unclear" else USUALLY
-        if right.misfit > _most_misfit(len(self.heard(row)) - 1, normal):
+        if right.misfit > chi_square_quantile(max(len(self.heard(row)) - 1, 1), normal):
             return replace(said, cause=scattered[0], text=scattered[1])
         if self._counts_signs():
             cause, text = self._open_signs(row, missing)
@@ -899,7 +899,7 @@ class PositionErrorCause:
         free = len(heard) - (
             tdoa.HYPERBOLIC_UNKNOWNS if model.slope is not None else tdoa.POWER_LAW_UNKNOWNS
         )
-        left, most = float(least.loss[0]) * unit, _most_misfit(free, SURELY)
+        left, most = float(least.loss[0]) * unit, chi_square_quantile(max(free, 1), SURELY)
         if free > 0 and left > most:
             return "model", (
                 f"{noise} by the recording's own curve, but no place fits them as {own} reckons: "
@@ -974,16 +974,6 @@ def _middle(late: Array) -> float:
     """Return the median of what is known; NaN without any."""
     known = late[np.isfinite(late)]
     return float(np.median(known)) if len(known) else float("nan")
-
-
-def _most_misfit(unknown: int, normal: float) -> float:
-    """Return what right arrivals leave at most, by chi squared of so many degrees of freedom.
-
-    Its quantile from that of a normal law by E. B. Wilson, M. M. Hilferty, The distribution of
-    chi-square, PNAS 17 (1931).
-    """
-    k = max(unknown, 1)
-    return float(k * (1 - 2 / (9 * k) + normal * np.sqrt(2 / (9 * k))) ** 3)
 
 
 def _length_m(places: Array) -> float:

@@ -13,6 +13,7 @@ import shapely
 from groundtrace_codecs.events import Fix, Note, Pick, Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..dsp.robust import RARELY, chi_square_quantile
 from ..errors import PipelineError
 from ..pipeline.gates import Candidates, Level, Reach, gate_specs, never_passed
 from ..pipeline.parameters import gate, measured
@@ -101,8 +102,7 @@ class RunningSigma:
         spare = found.picks - self.unknowns
         if not found.found or spare < 1:
             return
-        # the median of a root of chi-square, by the approximation of Wilson and Hilferty (1931)
-        typical = (1 - 2 / (9 * spare)) ** 1.5
+        typical = (chi_square_quantile(spare, 0.0) / spare) ** 0.5
         self.told.append(found.residual * (found.picks / spare) ** 0.5 / typical)
 
 
@@ -115,8 +115,6 @@ MODEL_ERROR = 0.2
 #: A place counts at most so many times what is expected, and so much over the limit is allowed for
 #: false arrivals. Chosen by judgement: one arrival in ten may be false.
 MOST_EACH, FALSE_ARRIVALS = 10.0, 1.0
-#: Deviations of a normal law that are exceeded once in a thousand times. Source: definition.
-RARELY = 3.09
 
 
 @dataclass(slots=True)
@@ -146,9 +144,7 @@ class ModelCheck:
     def limit(self) -> float:
         """The ratio from which the model is contradicted."""
         spare = sum(spare for _, spare in self._last) or 1
-        # the quantile of chi-square by the approximation of Wilson and Hilferty (1931)
-        part = 2 / (9 * spare)
-        return float((1 - part + RARELY * part**0.5) ** 3) + FALSE_ARRIVALS
+        return chi_square_quantile(spare, RARELY) / spare + FALSE_ARRIVALS
 
     def learn(self, found: LocationEstimate, times_s: Array) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
@@ -231,6 +227,9 @@ def reference_distance(positions: Array) -> float:
     return float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
 
 
+#: A place tells which sensors are near the next one for so long [ns]. Source: as a track ends, two
+#: seconds without a fix.
+STILL_NEAR_NS = 2 * NS_PER_S
 #: Arrivals older than this before the newest are forgotten: a step is announced well before [ns].
 #: Chosen by judgement: it bounds memory.
 KEEP_NS = 10 * NS_PER_S
@@ -266,13 +265,23 @@ class LocalizerParameters:
         float, measured("s", "Longest time after a step that arrivals belong to it.", gt=0)
     ] = 0.05
     min_picks: Annotated[int, gate("1", "Least number of arrivals, one a channel.", ge=3)] = 3
+    nearest: Annotated[
+        int,
+        measured(
+            "1",
+            "Arrivals taken, of so many sensors nearest to the place before; 0: of all.",
+            ge=0,
+        ),
+    ] = 0
 
 
 class ArrivalLocalizer(Stage):
     """Finds the place of each step by its arrivals, and its gates decide which places count.
 
     A step is announced once its arrivals are complete, so it is located at once. Where a clock is
-    set back the arrivals are forgotten; what was learnt of the floor goes on.
+    set back the arrivals are forgotten; what was learnt of the floor goes on. With ``nearest`` a
+    step is located by the sensors around the place before alone, as the outlook of the thesis on
+    footstep localisation suggests.
 
     Notes
     -----
@@ -291,6 +300,7 @@ class ArrivalLocalizer(Stage):
         self._channels: dict[str, int] = {}
         self._picks: deque[Pick] = deque()
         self._told = False
+        self._before: tuple[int, Array] | None = None
         self._check: ModelCheck | None = None
         self._doubted = False
 
@@ -298,6 +308,11 @@ class ArrivalLocalizer(Stage):
     def memory(self) -> Memory:
         """All places before, which tell how well the model holds; and the window of a step."""
         return Memory(None, self.parameters.window_s)
+
+    def begin(self, site: PlacedSensors) -> str:
+        """Begin at a site; return what it lacks, or an empty text."""
+        self._positions = site.positions
+        return self.prepare(site)
 
     def prepare(self, site: PlacedSensors) -> str:
         """Prepare for a site; return what it lacks, or an empty text."""
@@ -314,6 +329,7 @@ class ArrivalLocalizer(Stage):
     def start(self, context: Context) -> tuple[str, ...]:
         """Prepare for the site of the channels that are picked, or begin anew without arrivals."""
         self._picks.clear()
+        self._before = None
         if self._context is not None:
             return ("all",)
         geometry = context.geometry
@@ -322,7 +338,7 @@ class ArrivalLocalizer(Stage):
         if len(np.unique(positions, axis=0)) >= LEAST_PICKS:
             outline = np.array(geometry.outline, np.float64)
             room = outline if len(outline) else None
-            lacking = self.prepare(
+            lacking = self.begin(
                 PlacedSensors(positions, room, geometry.medium, geometry.length_unit)
             )
         if lacking:
@@ -351,7 +367,7 @@ class ArrivalLocalizer(Stage):
         arrivals = first_arrivals(
             self._picks, self._channels, item.time_ns, window_s, self._offsets_s
         )
-        self._found = item.time_ns, self.locate(arrivals)
+        self._found = item.time_ns, self.place(item.time_ns, arrivals)
         yield from self._checked(item.time_ns, arrivals)
         yield place_candidate(*self._found)
 
@@ -362,6 +378,44 @@ class ArrivalLocalizer(Stage):
             time_ns, location = self._found
             context, doubted = self._context, self._doubted
             yield location.fix(time_ns, context.plugin, context.stage, doubted=doubted)
+
+    def place(self, time_ns: int, arrivals: Array) -> LocationEstimate:
+        """Return the place of the next step, by the arrivals that are taken of it.
+
+        Parameters
+        ----------
+        time_ns
+            Of the step.
+        arrivals
+            Shape (n,): of all sensors [s]; NaN where there is none.
+        """
+        count = self.parameters.nearest
+        if not count:
+            return self.locate(arrivals)
+        found = self.locate(self._around(time_ns, arrivals, count))
+        if found.found and self._passes(found):
+            self._before = time_ns, np.array([found.x, found.y])
+        return found
+
+    def _around(self, time_ns: int, arrivals: Array, count: int) -> Array:
+        """Return the arrivals of so many sensors nearest to the place before, the others NaN."""
+        if self._before is None or time_ns - self._before[0] > STILL_NEAR_NS:
+            return arrivals
+        distance = np.hypot(*(self._positions - self._before[1]).T)
+        distance[np.isnan(arrivals)] = np.inf
+        near = np.argsort(distance, kind="stable")[:count]
+        found = np.full_like(arrivals, np.nan)
+        found[near] = arrivals[near]
+        return found
+
+    def _passes(self, found: LocationEstimate) -> bool:
+        """Whether a place passes the gates, on which the next one may then rely."""
+        value = place_candidate(0, found).value[0]
+        values = dict(zip((column.name for column in self.columns), value, strict=True))
+        return all(
+            (1 if gate.at_least else -1) * (values[gate.name] - gate.threshold) >= 0
+            for gate in gate_specs(self.gates, self.parameters)
+        )
 
     def _checked(self, time_ns: int, arrivals: Array) -> Iterator[Note]:
         """Say when residuals begin to contradict the model, and when they no longer do."""
@@ -387,9 +441,10 @@ class ArrivalLocalizer(Stage):
         context, told, self._told = self._context, self._told, True
         if context is None or told:
             return
-        reach = {
-            "picks": Reach(len(self._channels), "the picked channels that have a place"),
-        }
+        most, why = len(self._channels), "the picked channels that have a place"
+        if 0 < self.parameters.nearest < most:
+            most, why = self.parameters.nearest, "nearest"
+        reach = {"picks": Reach(most, why)}
         specs = gate_specs(self.gates, self.parameters)
         for text in never_passed(context.topic, context.stage, specs, reach):
             yield Note(time_ns, text, "WARN", context.stage)

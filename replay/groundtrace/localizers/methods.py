@@ -55,8 +55,9 @@ class SoTdoa(ArrivalLocalizer):
 
     @property
     def memory(self) -> Memory:
-        """The arrivals of a step: one place tells nothing of the next."""
-        return Memory(self.parameters.window_s, self.parameters.window_s)
+        """The arrivals of a step, where one place tells nothing of the next."""
+        window_s = self.parameters.window_s
+        return Memory(None if self.parameters.nearest else window_s, window_s)
 
     def prepare(self, site: PlacedSensors) -> str:
         """Find the regions."""

@@ -10,19 +10,23 @@ by the likeliest of its motions: straight on; straight on with steps missed, as 
 suggests; or anywhere within a pace, as when it turns about. Of several fixes and tracks the pairs
 are made at once, first for the tracks that count: a track that has just begun knows so little that
 it is near everything, and must not take a walker's fix from him.
+
+Paths that people walk along may be known beforehand (the thesis's outlook): see :class:`WalkPaths`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import SMOOTHED, Fix, Quantity, TrackPoint
+from groundtrace_codecs.events import SMOOTHED, Fix, Note, Quantity, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign
+from ..dsp.robust import RARELY, chi_square_quantile
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import measured
 from ..pipeline.stage import Context, Input, Memory, Stage
@@ -34,6 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import CandidateBlock
+    from groundtrace_codecs.geometry import Geometry
 
     from ..pipeline.stage import Output
 
@@ -64,6 +69,99 @@ class FixObservation:
     time_ns: int
     place: Array
     noise: Array
+
+
+#: Where the straight parts of a line start, and where they end. Source: definition.
+PARTS = slice(None, -1), slice(1, None)
+#: A fix further from all paths is of somebody who walks elsewhere [deviations]. Chosen by
+#: judgement: one of 400 on a path is.
+ELSEWHERE = 3.0
+#: Fixes looked back on for whether walkers keep to the paths, the least of them, what each counts
+#: at most, and what is granted over the limit. Chosen by judgement: ten seconds of steps, of which
+#: one in ten may be off.
+LOOKED_BACK, LEAST_FIXES, MOST_EACH, GRANTED = 20, 8, 10.0, 1.0
+
+
+@dataclass(slots=True, eq=False)
+class WalkPaths:
+    """Lines that people walk along, as is known beforehand: the outlook of the thesis.
+
+    A place on a path is observed twice: by the fix, and by the path, from which walkers stray to
+    either side by a normal law. Assumed is that they keep to the paths; it is checked by how far
+    fixes are from them, as chi-square over the last ones, and where it does not hold the paths
+    count no more.
+
+    Attributes
+    ----------
+    starts, ends
+        Of the straight parts of all paths, shape (k, 2) [m].
+    sigma_m
+        How far walkers stray [m].
+    """
+
+    starts: Array
+    ends: Array
+    sigma_m: float
+    contradicted: bool = False
+    _last: deque[float] = field(default_factory=lambda: deque(maxlen=LOOKED_BACK))
+
+    @classmethod
+    def of(cls, geometry: Geometry | None, sigma_m: float) -> WalkPaths | None:
+        """Return the paths of a geometry; None where there are none, or ``sigma_m`` is 0."""
+        lines = [np.array(path, np.float64) for path in geometry.paths] if geometry else []
+        lines = [line for line in lines if len(line) > 1]
+        if not lines or sigma_m <= 0:
+            return None
+        starts, ends = (np.concatenate([line[part] for line in lines]) for part in PARTS)
+        apart = (starts != ends).any(axis=1)
+        return cls(starts[apart], ends[apart], sigma_m) if apart.any() else None
+
+    def kept_to(self, seen: FixObservation) -> FixObservation:
+        """Return a fix as it and its path tell the place."""
+        off_m, across, spread = self._off(seen)
+        if self.contradicted or off_m**2 > ELSEWHERE**2 * (across @ spread + self.sigma_m**2):
+            return seen
+        gain = spread / (across @ spread + self.sigma_m**2)
+        noise = seen.noise - np.outer(gain, spread)
+        return FixObservation(seen.time_ns, seen.place - gain * off_m, noise)
+
+    @property
+    def ratio(self) -> float:
+        """Chi-square of the last fixes over what it is expected to be."""
+        return sum(self._last) / len(self._last)
+
+    @property
+    def limit(self) -> float:
+        """The ratio from which the paths are contradicted."""
+        count = len(self._last)
+        return chi_square_quantile(count, RARELY) / count + GRANTED
+
+    def learn(self, seen: FixObservation) -> bool:
+        """Take in how far a fix is from the paths; return whether that changes what paths count."""
+        off_m, across, spread = self._off(seen)
+        square = off_m**2 / (across @ spread + self.sigma_m**2)
+        self._last.append(min(float(square), MOST_EACH))
+        before = self.contradicted
+        if len(self._last) >= LEAST_FIXES:
+            self.contradicted = self.ratio > self.limit
+        return self.contradicted != before
+
+    def _off(self, seen: FixObservation) -> tuple[float, Array, Array]:
+        """Return how far a fix is from the part of a path that is nearest for its covariance.
+
+        Returns
+        -------
+        To the left of it [m], the unit vector to the left, and the covariance times that, (2,).
+        """
+        along = self.ends - self.starts
+        inverse = np.linalg.inv(seen.noise)
+        since = seen.place - self.starts
+        way = ((since @ inverse) * along).sum(axis=1) / ((along @ inverse) * along).sum(axis=1)
+        left = since - way.clip(0, 1)[:, None] * along
+        part = int(np.argmin(((left @ inverse) * left).sum(axis=1)))
+        forward = along[part] / np.hypot(*along[part])
+        across = np.array([-forward[1], forward[0]])
+        return float(across @ since[part]), across, seen.noise @ across
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -371,6 +469,10 @@ class WalkersParameters(TrackerParameters):
         int, measured("1", "A track is given once it has so many steps, all of them then.", ge=2)
     ] = 3
     end_s: Annotated[float, measured("s", "A track without a fix for so long ends.", gt=0)] = 2.0
+    path_sigma_m: Annotated[
+        float,
+        measured("m", "How far walkers stray from the geometry's paths; 0: without paths.", ge=0),
+    ] = 0.6
     smooth: Annotated[bool, measured("", "Also give each track smoothed, when it ends.")] = True
 
 
@@ -378,7 +480,8 @@ class WalkerTracker(Stage):
     """Kalman filters with a clock of steps, one a walker; each track is smoothed when it ends.
 
     Fixes that come together are of different walkers, so they are decided at once: when the first
-    fix after them has come. Where the clock steps, all tracks end.
+    fix after them has come. Where the clock steps, all tracks end. Where the geometry has paths, a
+    fix near one is drawn to it.
     """
 
     Parameters = WalkersParameters
@@ -408,6 +511,7 @@ class WalkerTracker(Stage):
         self._count = 0
         self._waiting: list[Fix] = []  # fixes that may still get company
         self._together: list[Fix] = []  # those being decided
+        self._paths: WalkPaths | None = None
 
     @property
     def memory(self) -> Memory:
@@ -417,6 +521,7 @@ class WalkerTracker(Stage):
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin without tracks."""
         self.stage = context.stage
+        self._paths = WalkPaths.of(context.geometry, self.parameters.path_sigma_m)
         return ("all",)
 
     def process(self, fix: Fix) -> Iterator[Output]:
@@ -447,8 +552,27 @@ class WalkerTracker(Stage):
         if not fixes:
             return
         yield from self.expire(fixes[0].time_ns)
+        yield from self._checked(fixes)
         times = np.array([fix.time_ns for fix in fixes], np.int64)
         yield Candidates(times, np.zeros(len(fixes), np.int32), self.measure(fixes))
+
+    def _checked(self, fixes: Sequence[Fix]) -> Iterator[Note]:
+        """Say when fixes begin to contradict the geometry's paths, and when they no longer do."""
+        paths = self._paths
+        if paths is None:
+            return
+        for fix in fixes:
+            if not paths.learn(self._raw(fix)):
+                continue
+            text = (
+                f"{self.stage}: the last fixes are not where the geometry's paths lead: chi-square "
+                f"is {paths.ratio:.1f} times the expected one ({paths.limit:.1f} allowed); paths "
+                f"count no more"
+                if paths.contradicted
+                else f"{self.stage}: the last fixes are where the geometry's paths lead: paths "
+                f"count again"
+            )
+            yield Note(fix.time_ns, text, "WARN" if paths.contradicted else "INFO", self.stage)
 
     def expire(self, time_ns: int) -> list[TrackPoint]:
         """End the tracks that had no fix for too long."""
@@ -509,6 +633,11 @@ class WalkerTracker(Stage):
         return self._ended(over)
 
     def _observed(self, fix: Fix) -> FixObservation:
+        """Return a fix as it is taken, by the path that it is near."""
+        seen = self._raw(fix)
+        return seen if self._paths is None else self._paths.kept_to(seen)
+
+    def _raw(self, fix: Fix) -> FixObservation:
         """Return a fix with the covariance that it is taken to have."""
         place, noise = np.array([fix.x_m, fix.y_m]), self.model.r
         xx, xy, yy = fix.covariance

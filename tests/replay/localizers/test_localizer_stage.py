@@ -10,6 +10,8 @@ from localizer_cases import ROOM, SENSORS, THETA_S, times_of
 
 from groundtrace.errors import PipelineError
 from groundtrace.explain.redecide import OfflineDecider, parse_axis
+from groundtrace.localizers.base import PlacedSensors, first_arrivals
+from groundtrace.localizers.methods import PowerLaw
 from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
 from groundtrace.pipeline.conformance import assert_same, outcome
 from groundtrace.pipeline.plugins import load
@@ -239,3 +241,46 @@ def test_a_localizer_whose_model_holds_is_not_doubted(method: str) -> None:
     events = said(stage(method), [PICKED, *late_impacts(25, 3e-4)])
     assert not any(isinstance(e, Note) for e in events)
     assert [fix.doubted for fix in fixes(events)] == [False] * len(fixes(events))
+
+
+def walked(count: int) -> list[tuple[float, float]]:
+    return [(1.0 + 0.5 * k, 2.0) for k in range(count)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_of_a_walk_only_the_sensors_around_the_place_before_are_taken(method: str) -> None:
+    runner = stage(method, nearest=5)
+    items = [e for k, (x, y) in enumerate(walked(6)) for e in impact(x, y, 1.0 + 0.6 * k)]
+    found = fixes(said(runner, [PICKED, *items]))
+    assert [f.picks for f in found] == [9, 5, 5, 5, 5, 5]
+    off = [np.hypot(f.x_m - x, f.y_m - y) for f, (x, y) in zip(found, walked(6), strict=True)]
+    assert max(off) < 1.5
+
+
+def test_a_place_far_from_the_one_before_is_found_by_all_sensors_after_a_pause() -> None:
+    items = [*impact(1.0, 2.0, 1.0), *impact(8.0, 8.0, 4.0)]
+    found = fixes(said(stage("power-law", nearest=5), [PICKED, *items]))
+    assert [f.picks for f in found] == [9, 9]
+
+
+def test_fewer_sensors_than_a_place_needs_are_told() -> None:
+    events = said(stage("power-law", nearest=2), [PICKED, *impact(2.0, 7.0)])
+    assert any("min_picks is 3, but picks reaches 2" in e.text for e in _notes(events))
+
+
+def _notes(events: list[Event]) -> list[Note]:
+    return [e for e in events if isinstance(e, Note)]
+
+
+def test_what_was_located_by_near_sensors_is_located_again_as_it_was() -> None:
+    runner = stage("power-law", nearest=5)
+    items = [e for k, (x, y) in enumerate(walked(6)) for e in impact(x, y, 1.0 + 0.6 * k)]
+    found = fixes(said(runner, [PICKED, *items]))
+    worker = PowerLaw(PowerLaw.Parameters(nearest=5))
+    assert worker.begin(PlacedSensors(np.array(SENSORS), np.array(SITE.outline), SITE.medium)) == ""
+    channels = dict(zip(NAMES, range(len(NAMES)), strict=True))
+    picks = [e for e in items if isinstance(e, Pick)]
+    for fix in found:
+        times = first_arrivals(picks, channels, fix.time_ns, worker.parameters.window_s)
+        again = worker.place(fix.time_ns, times)
+        assert (again.x, again.y) == (fix.x_m, fix.y_m)

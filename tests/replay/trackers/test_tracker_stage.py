@@ -23,9 +23,11 @@ from groundtrace_codecs.events import (
     Fix,
     Gap,
     Label,
+    Note,
     StageSpec,
     TrackPoint,
 )
+from groundtrace_codecs.geometry import Geometry
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -314,3 +316,54 @@ def test_a_fix_whose_localizer_doubts_its_model_is_no_step_of_a_track() -> None:
     doubted = [dataclasses.replace(x, doubted=k in (4, 5)) for k, x in enumerate(walk)]
     times = {p.time_ns for p in points(tracked(doubted))}
     assert times == {x.time_ns for x in doubted if not x.doubted}
+
+
+#: Along x, and then along y.
+PATHS = Geometry(paths=(((0.0, 0.0), (10.0, 0.0)), ((10.0, 0.0), (10.0, 5.0))))
+
+
+def beside(count: int, off_m: float, **parameters: object) -> tuple[list[TrackPoint], list[Note]]:
+    """Track fixes beside the first path; return the points and what is said of paths."""
+    made = build(WalkersParameters, parameters, "track")
+    sources = {WalkerTracker.takes[0]: ("locate",)}
+    runner = StageRunner(StageConfig("walkers", "track"), WalkerTracker, made, sources, PATHS)
+    items: list[Event] = [SPEC, *straight(count, y=off_m)]
+    events = [event for item in items for event in runner.process(item)]
+    return points([*events, *runner.flush()]), [e for e in events if isinstance(e, Note)]
+
+
+def test_a_fix_near_a_path_is_drawn_to_it_as_far_as_walkers_stray() -> None:
+    free, _ = beside(8, 0.5, path_sigma_m=0.0)
+    near, notes = beside(8, 0.5, path_sigma_m=0.3)
+    assert not notes
+    for one, other in zip(free, near, strict=True):
+        # a fix errs by 0.5 m: its weight beside the path is 0.09 / (0.09 + 0.25)
+        assert one.y_m == pytest.approx(0.5)
+        assert other.y_m == pytest.approx(0.5 * 0.09 / 0.34, abs=1e-6)
+        assert other.x_m == pytest.approx(one.x_m)
+        assert other.covariance[2] < one.covariance[2]
+        assert other.covariance[0] == pytest.approx(one.covariance[0])
+
+
+def test_who_walks_away_from_all_paths_is_left_there() -> None:
+    free, _ = beside(6, 2.0, path_sigma_m=0.0)
+    away, _ = beside(6, 2.0, path_sigma_m=0.3)
+    assert [(p.x_m, p.y_m) for p in away] == [(p.x_m, p.y_m) for p in free]
+
+
+def test_paths_that_nobody_keeps_to_are_told_once_and_count_no_more() -> None:
+    there, notes = beside(20, 1.4, path_sigma_m=0.3)
+    assert [note.level for note in notes] == ["WARN"]
+    assert "not where the geometry's paths lead" in notes[0].text
+    free, _ = beside(20, 1.4, path_sigma_m=0.0)
+    assert there[0].y_m < 1.0 < there[-1].y_m
+    assert there[-1].y_m == pytest.approx(free[-1].y_m, abs=0.2)
+
+
+def test_paths_that_are_kept_to_again_count_again() -> None:
+    made = build(WalkersParameters, {"path_sigma_m": 0.3}, "track")
+    sources = {WalkerTracker.takes[0]: ("locate",)}
+    runner = StageRunner(StageConfig("walkers", "track"), WalkerTracker, made, sources, PATHS)
+    items: list[Event] = [SPEC, *straight(12, y=1.4), *straight(30, start_s=6.0)]
+    events = [event for item in items for event in runner.process(item)]
+    assert [e.level for e in events if isinstance(e, Note)] == ["WARN", "INFO"]

@@ -22,6 +22,7 @@ from .timeline import (
     ROAD_SIGN,
     SIDE,
     SILENT,
+    WALKED,
     WALKER_COLOURS,
     Bounds,
     Entity,
@@ -198,6 +199,12 @@ class SensorMap(View):
 
         if geometry.outline:
             log_outline(self._timeline, geometry.outline)
+        if geometry.paths:
+            lines = [list(path) for path in geometry.paths]
+            paths = rr.LineStrips2D(
+                lines, colors=[WALKED] * len(lines), radii=-1.5, draw_order=-25.0
+            )
+            self._timeline.static(f"{SITE}/paths", paths)
         if geometry.road:
             log_road(self._timeline, SITE, geometry.road, self._extent)
         signs = signs_of(geometry, self._colours)

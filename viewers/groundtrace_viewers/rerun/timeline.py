@@ -374,8 +374,8 @@ ESTIMATOR_COLOURS = {
     "green": 0x00B283FF,
     "orange": 0xE8702AFF,
 }
-#: A road, and the signs of its forward direction.
-ROAD, ROAD_SIGN = 0x2C333CFF, 0x66707CFF
+#: A road, and the signs of its forward direction; paths that people walk along.
+ROAD, ROAD_SIGN, WALKED = 0x2C333CFF, 0x66707CFF, 0x4A535FFF
 #: Of borders between regions, and of sensors without an arrival.
 FAINT = 0x424A55FF
 SILENT = 0x6A727CFF
@@ -967,7 +967,7 @@ in white) and from the side (r–z: away from the source, and up), one scale for
 is above the site. The line about the newest is its one-sigma ellipse.
 * Tracks are lines that grow: filtered as the fixes came (light green, with the walker now and its \
 one-sigma ellipse), and smoothed by what came later (orange); of several tracks each has its own \
-colours, and of several walkers each true path.
+colours, and of several walkers each true path. Grey lines are paths that the geometry states.
 * Detector: the decision function of every channel, the threshold in red, accepted candidates as \
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
 since its peaks reach thousands; candidates beyond lie at its upper edge. Below the samples around \
