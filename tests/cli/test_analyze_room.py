@@ -101,3 +101,11 @@ def test_the_command_line_starts_without_matplotlib() -> None:
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "False False"
+
+
+def test_the_layout_of_a_recording_is_taken_from_it(capsys: pytest.CaptureFixture[str]) -> None:
+    ran = done(capsys, "analyze", "room", "room-walk", *QUICK)
+    assert "room-walk: 9 sensors" in ran.out
+    ran = run(capsys, "analyze", "room", "lower-back", *QUICK)
+    assert ran.code == 1
+    assert "lower-back: expected a recording with a geometry, found none" in ran.err

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.mcap.chunks import MAGIC
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -27,6 +28,29 @@ if TYPE_CHECKING:
     from ..pipeline.config import PipelineConfig
     from .files import Report
     from .progress import Progress
+
+
+def geometry_of(path: Path) -> Geometry:
+    """Return the geometry that is meant: a TOML, or that of a recording, by file, URL or name.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no such file, or the recording has no geometry.
+    SchemaError
+        Where a TOML is no geometry.
+    """
+    if path.suffix.lower() == ".toml" or (path.is_file() and not _is_mcap(path)):
+        return Geometry.from_toml(existing_file(path, "a geometry"))
+    with Recording.open(named_recording(path)) as opened:
+        if opened.geometry is None:
+            raise RecordingError(f"{path.name}: expected a recording with a geometry, found none")
+        return opened.geometry
+
+
+def _is_mcap(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def attenuation_of(

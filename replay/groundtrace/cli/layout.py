@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 from cyclopts import Parameter, validators
 
-from groundtrace_codecs.geometry import Geometry
-
-from ..api.calibration import attenuation_of, calibration_of, lengths_of
-from ..api.files import OriginFile, existing_file, mark_of, writable
+from ..api.calibration import attenuation_of, calibration_of, geometry_of, lengths_of
+from ..api.files import OriginFile, mark_of, writable
 from ..errors import UsageError
 from ..layout.report import NAMES, assumed, findings, report
 from ..pipeline.config import checked_pipeline
@@ -50,7 +48,7 @@ def room(
     Parameters
     ----------
     geometry
-        TOML with sensors, outline and medium.
+        TOML with sensors, outline and medium, or a recording that has these.
     sigma_ms
         Standard deviation of each sensor's arrivals [ms].
     theta_s
@@ -77,7 +75,7 @@ def room(
         if png.suffix.lower() != ".png":
             raise UsageError(f"{png}: expected a name that ends in .png, found {png.name}")
     spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)
-    site = Geometry.from_toml(existing_file(geometry, "a geometry"))
+    site = geometry_of(geometry)
     layout, remarks = layout_of(site, geometry.name, sigma_ms * 1e-3, theta_s)
     how = Settings(lattice, draws, seed, localizer)
     with progress(100.0, "analysing", "%") as show:

@@ -577,7 +577,7 @@ class DempsterShaferDetector(Stage):
     """A step is a peak that both sensors believe in, followed by a valley they believe in.
 
     The candidates are the peaks of the acceleration's magnitude, each with the lowest valley before
-    the signal is higher again. The gyroscope says what it reached near both. Without a gyroscope
+    the signal is higher again. The gyroscope says how high it was near both. Without a gyroscope
     the second source is vacuous: every rule but the disjunctive then says what the accelerometer
     says, and the disjunctive one knows nothing. Where Dempster's rule or the pignistic probability
     is not defined (total conflict), masses are not a number and the candidate is rejected.
