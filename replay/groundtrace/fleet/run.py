@@ -15,6 +15,7 @@ import itertools
 import os
 import platform
 import re
+import sys
 import threading
 import time
 from collections import defaultdict
@@ -609,6 +610,10 @@ LIMIT_RATIO, LEAST_LIMIT_S = 50.0, 600.0
 #: A worker that does not heed its limit ends itself after this time [s]: it is held up in code that
 #: hears nothing. Chosen by judgement.
 _GRACE_S = 30.0
+#: While these load or compile, a worker is not broken off: half a module would stay behind, and
+#: fail all recordings after this one. It is looked again after this time [s]; what loads for longer
+#: than LEAST_LIMIT_S hangs. Chosen by judgement.
+_LOADERS, _LOOK_S = ("importlib", "numba", "llvmlite"), 0.2
 
 
 class TimeLimitError(BaseException):
@@ -617,6 +622,9 @@ class TimeLimitError(BaseException):
 
 class TimeLimit:
     """Breaks off what this thread does after some time, and ends the worker if that is of no use.
+
+    Where code is being loaded or compiled then, the time begins anew after that: it is the first
+    recording of the worker, and what takes long is no fault of its own.
 
     Parameters
     ----------
@@ -630,6 +638,7 @@ class TimeLimit:
         self._timer: threading.Timer | None = None
         self._ending = threading.Lock()
         self._over = False
+        self._loaded_s = 0.0
         self.limit_s = LEAST_LIMIT_S if task.limit_s is None else task.limit_s
 
     def __enter__(self) -> Self:
@@ -662,14 +671,37 @@ class TimeLimit:
         with self._ending:
             if self._over:
                 return
+            if self._loaded_s < LEAST_LIMIT_S and _loads(self._thread):
+                self._loaded_s += _LOOK_S
+                self._wait(_LOOK_S, self._after_loading)
+                return
             self._raise(TimeLimitError)
             if self._task.made_by != (platform.node(), os.getpid()):  # a worker, not the run itself
                 self._wait(_GRACE_S, lambda: os._exit(OVERDUE))
+
+    def _after_loading(self) -> None:
+        """Begin anew once nothing is loaded any more."""
+        if _loads(self._thread):
+            self._break()
+            return
+        with self._ending:
+            if not self._over:
+                self._wait(self.limit_s, self._break)
 
     def _raise(self, error: type[BaseException] | None) -> None:
         """Let this thread raise an error as soon as it can; None takes it back."""
         raised = ctypes.py_object() if error is None else ctypes.py_object(error)
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), raised)
+
+
+def _loads(thread: int) -> bool:
+    """Return whether a thread is loading modules or compiling."""
+    frame = sys._current_frames().get(thread)
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] in _LOADERS:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def first_row(task: Task, identity: Identity) -> Row:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import platform
@@ -325,6 +326,28 @@ def test_what_is_done_in_time_is_not_broken_off_afterwards() -> None:
         time.sleep(0.002)  # here it would be raised
         undisturbed += 1
     assert undisturbed == 50
+
+
+def test_no_module_is_left_half_loaded_by_a_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "slow_to_load.py").write_text(
+        "import time\nfor _ in range(40):\n    time.sleep(0.02)\nwhole = True\n", "utf-8"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    here = (platform.node(), os.getpid())
+    task = Task(Location("a.mcap"), Recipe("", "", ""), limit_s=0.1, made_by=here)
+    slow, broken_off = None, False
+    try:
+        with TimeLimit(task):
+            slow = importlib.import_module("slow_to_load")
+            while True:  # what hangs afterwards is broken off
+                time.sleep(0.01)
+    except TimeLimitError:
+        broken_off = True
+    assert broken_off
+    assert slow is not None
+    assert slow.whole
 
 
 def test_workers_started_elsewhere_find_the_recordings_and_say_which_they_do_not_see(
