@@ -4,8 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
+# what types are checked for
+SYSTEMS := linux win32 darwin
 
-.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept excerpts proto docs pictures clean
+.PHONY: demo dev fmt check style $(SYSTEMS:%=types-%) compile test golden build wheel bench fuzz big accept excerpts proto docs pictures clean
 
 demo: $(VENV)/installed ## set up, then replay and score the bundled walk, and show it
 	$(BIN)/groundtrace demo
@@ -29,13 +31,15 @@ fmt: dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-check: dev
+check: style $(SYSTEMS:%=types-%) audit
+
+style: dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/mypy
-	for system in win32 darwin; do $(BIN)/mypy --platform $$system --cache-dir .mypy_cache/$$system || exit; done
-	$(MAKE) --no-print-directory audit
+
+$(SYSTEMS:%=types-%): types-%: dev ## each by itself, so that they can run at the same time
+	$(BIN)/mypy --platform $* --cache-dir .mypy_cache/$*
 
 ADVISORIES := api.osv.dev
 audit: dev ## the dependencies that are installed, against known faults, where these can be asked for
@@ -142,6 +146,7 @@ pictures: $(VENV)/installed ## those in the README and the docs
 	$(BIN)/python -P -m groundtrace_viewers build/shots.rrd docs/images/shots.png --at 0.05 --size 1280x720
 	$(BIN)/python -P -m groundtrace_viewers build/vehicle-pass.rrd docs/vehicle.png --at 15 --size 1280x720
 	$(BIN)/groundtrace figure build/lower-back.results.mcap --step 2 -o docs/images/missed-step.png --dpi 150
+	$(BIN)/python bench/tables_drawn.py
 
 clean:
 	find . -name "kernels-*" -path "*/__pycache__/*" -prune -exec rm -rf {} +
