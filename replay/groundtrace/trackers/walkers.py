@@ -11,7 +11,8 @@ suggests; or anywhere within a pace, as when it turns about. Of several fixes an
 are made at once, first for the tracks that count: a track that has just begun knows so little that
 it is near everything, and must not take a walker's fix from him.
 
-Paths that people walk along may be known beforehand (the thesis's outlook): see :class:`WalkPaths`.
+Paths that people walk along may be known beforehand, as the outlook of the thesis suggests: a fix
+near one is drawn to it, by the variances of both.
 """
 
 from __future__ import annotations
