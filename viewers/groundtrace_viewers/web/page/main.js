@@ -265,11 +265,10 @@ class Page {
 
   /** Start the viewer where the panel is by then, and show the marks. */
   async start(layout, recording) {
-    const shown = () => { byId("status").hidden = true; };
-    const started = this.viewer.start(byId("viewer"), layout, recording, shown);
+    const started = this.viewer.start(byId("viewer"), layout, recording);
     if (this.marking) await this.marks.load();
     await started;
-    this.changed(); // the strip on as many pixels as there are again
+    byId("status").hidden = true;
     if (this.moments.live) this.renew();
     if (this.moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     this.opened = true;

@@ -7,12 +7,6 @@ const ECHOES = 64;
 const RETRY_MS = 50;
 /** A viewer that has opened a recording and says no more has it after this [ms]. */
 const SILENT_MS = 5000;
-/** Until the plots are drawn it draws on so many times fewer pixels each way: so many pictures behind its data. */
-const SMALLER = 8;
-const PICTURES = 6;
-/** Whether it has all of its pixels back is looked at so often [ms], so many times. */
-const LOOK_MS = 100;
-const LOOKS = 50;
 
 /** Return a number as the bytes of a protobuf varint. */
 function varint(value) {
@@ -44,37 +38,6 @@ export async function compiled(answer) {
   performance.mark("viewer-compiled");
 }
 
-/** Wait, or let so many pictures be drawn. */
-const later = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
-const picture = () => new Promise(requestAnimationFrame);
-
-/**
- * Have the viewer draw all of its layout on few pixels; return what gives it all of them back.
- *
- * It asks for data only as it draws, so that several pictures come before one with curves; without a graphics
- * card each takes as long as it is large.
- */
-function sketched(canvas) {
-  const { width, height } = canvas.getBoundingClientRect();
-  const known = Object.getOwnPropertyDescriptor(window, "devicePixelRatio");
-  if (!known?.configurable || !width) return async () => {};
-  const scale = window.devicePixelRatio / SMALLER;
-  Object.defineProperty(window, "devicePixelRatio", { configurable: true, get: () => scale });
-  canvas.style.width = `${width / SMALLER}px`;
-  canvas.style.height = `${height / SMALLER}px`;
-  return async () => {
-    Object.defineProperty(window, "devicePixelRatio", known);
-    canvas.style.width = canvas.style.height = "";
-    // The viewer hears of its size while it does not draw; else it is told again.
-    for (let looks = 0; looks < LOOKS; looks += 1) {
-      await later(LOOK_MS);
-      if (canvas.width > (canvas.getBoundingClientRect().width * window.devicePixelRatio) / 2) return;
-      canvas.style.width = looks % 2 ? "" : "calc(100% - 1px)";
-    }
-    canvas.style.width = "";
-  };
-}
-
 export class Viewer {
   /**
    * @param {string} timeline its name
@@ -94,10 +57,9 @@ export class Viewer {
    * Start the compiled viewer in a canvas and open a recording: its bytes or its address.
    *
    * The layout goes first: without one the viewer makes its own, and then keeps that. A time that was wished
-   * for before is where it opens. `shown` is called when there is something to be seen.
+   * for before is where it opens.
    */
-  async start(canvas, layout, recording, shown) {
-    const whole = sketched(canvas);
+  async start(canvas, layout, recording) {
     this.handle = new wasm_bindgen.WebHandle({
       url: [],
       hide_welcome_screen: true,
@@ -122,9 +84,6 @@ export class Viewer {
     if (this.next_ns !== null) await this.seek(this.next_ns / 1e9);
     await this.opened;
     performance.mark("recording-opened");
-    for (let left = PICTURES; left; left -= 1) await picture();
-    shown();
-    await whole();
   }
 
   heard(event) {
@@ -153,7 +112,7 @@ export class Viewer {
         await this.handle.viewer_control(cursor_message(this.timeline, ns));
       } catch {
         // It is painting, or has not read the first data yet: the same wish again, if no newer one.
-        await later(RETRY_MS);
+        await new Promise((later) => { setTimeout(later, RETRY_MS); });
         if (!this.crash()) this.next_ns ??= ns;
       }
     }
