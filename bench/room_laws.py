@@ -17,6 +17,7 @@ import argparse
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from timing import alone
@@ -29,6 +30,9 @@ from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.events import Fix, Note, TrackPoint
 from groundtrace_codecs.recording import Recording
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.geometry import Geometry
 
 #: Steps farther from a fix in time are others [ns].
 TOLERANCE_NS = 120_000_000
@@ -94,11 +98,13 @@ def matched(fixes: list[Fix | TrackPoint], truth: np.ndarray, times: np.ndarray)
     return found
 
 
-def score(path: Path, config: PipelineConfig) -> tuple[dict[str, Errors], list[Note]]:
-    """Replay a room and compare its places with the truth."""
+def score(
+    path: Path, config: PipelineConfig, site: Geometry | None = None
+) -> tuple[dict[str, Errors], list[Note]]:
+    """Replay a room, at its own site or another, and compare its places with the truth."""
     kept = Kept()
     with Recording.open(path) as opened:
-        replay(Source(opened), build_pipeline(config, opened.geometry), [kept])
+        replay(Source(opened), build_pipeline(config, site or opened.geometry), [kept])
         truth = [x for x in opened.labels if x.kind in ("step", "impact")]
         low, high = (
             np.array(opened.geometry.outline).min(0),

@@ -20,16 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from room_laws import Errors, Kept, matched, options_of
+from room_laws import Errors, options_of, score
 from timing import alone
 
-from groundtrace.pipeline.config import PipelineConfig, StageConfig, build_pipeline, load_pipeline
-from groundtrace.pipeline.engine import replay
-from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.config import PipelineConfig, StageConfig, load_pipeline
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import paths_in
-from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
@@ -92,29 +89,18 @@ def main() -> None:
                         options.sigmas if name == "own path" else options.sigmas[1:],
                         [n for n in options.nearest if n < sensors and name == "own path"],
                     )
-                    found, contradicted = score(path, config, site)
-                    refused[name] += contradicted
+                    found, notes = score(path, config, site)
+                    refused[name] += any("paths lead" in note.text for note in notes)
                     for stage, errors in found.items():
                         by = f"{stage}, {name}" if stage.startswith("track") else stage
                         if name == "own path" or by != stage:
-                            tables.setdefault(by, Errors()).__iadd__(errors)
+                            held = tables.setdefault(by, Errors())
+                            held += errors
         print(f"\n{sensors} sensors; paths contradicted in some fixes: {refused}")
         print("| stage | median / 95 % [m] | in 68 / 90 % | NEES | found |")
         print("| --- | --- | --- | --- | --- |")
         for name, errors in tables.items():
             print(f"| {name} | {errors.cells()} |", flush=True)
-
-
-def score(path: Path, config: PipelineConfig, site: Geometry) -> tuple[dict[str, Errors], bool]:
-    """Replay a room at a site; return the errors by stage, and whether paths were contradicted."""
-    kept = Kept()
-    with Recording.open(path) as opened:
-        replay(Source(opened), build_pipeline(config, site), [kept])
-        truth = [x for x in opened.labels if x.kind == "step"]
-    places = np.array([(x.x_m, x.y_m) for x in truth])
-    times = np.array([x.time_ns for x in truth], np.int64)
-    contradicted = any("geometry's paths lead" in note.text for note in kept.notes)
-    return {n: matched(fixes, places, times) for n, fixes in kept.places.items()}, contradicted
 
 
 if __name__ == "__main__":

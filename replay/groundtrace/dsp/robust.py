@@ -1,6 +1,10 @@
 """Robust statistics: constants in standard deviations of a normal law, and its chi-square."""
 
+from __future__ import annotations
+
 import math
+from collections import deque
+from dataclasses import dataclass, field
 
 #: Standard deviation over the median of absolute deviations. Source: definition, 1 / Phi^-1(3/4).
 MAD_SIGMA = 1.4826
@@ -34,3 +38,33 @@ def chi_square_quantile(freedom: float, normal: float) -> float:
     """
     part = 2 / (9 * freedom)
     return freedom * (1 - part + normal * math.sqrt(part)) ** 3
+
+
+#: What a :class:`ChiSquareCheck` looks back on, the least of it, what each counts at most of what
+#: is expected, and what is granted over the limit. Chosen by judgement: 20 are ten seconds of
+#: steps, of which one in ten may be false.
+LOOKED_BACK, LEAST, MOST_EACH, GRANTED = 20, 8, 10.0, 1.0
+
+
+@dataclass(slots=True)
+class ChiSquareCheck:
+    """Whether what a model leaves over is as it presumes: chi-square of the last times."""
+
+    _last: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=LOOKED_BACK))
+
+    def learn(self, square: float, freedom: int = 1) -> None:
+        """Take in a sum of squares in variances, and its degrees of freedom."""
+        self._last.append((min(square, MOST_EACH * freedom), freedom))
+
+    @property
+    def ratio(self) -> float:
+        """Chi-square over what it is expected to be; 0 while it is told by too few."""
+        if len(self._last) < LEAST:
+            return 0.0
+        return sum(square for square, _ in self._last) / sum(freedom for _, freedom in self._last)
+
+    @property
+    def limit(self) -> float:
+        """The ratio from which the model is contradicted."""
+        freedom = sum(freedom for _, freedom in self._last) or 1
+        return chi_square_quantile(freedom, RARELY) / freedom + GRANTED

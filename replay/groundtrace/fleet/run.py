@@ -638,7 +638,7 @@ class TimeLimit:
         self._timer: threading.Timer | None = None
         self._ending = threading.Lock()
         self._over = False
-        self._loaded_s = 0.0
+        self._loaded_s, self._loading = 0.0, False
         self.limit_s = LEAST_LIMIT_S if task.limit_s is None else task.limit_s
 
     def __enter__(self) -> Self:
@@ -673,20 +673,16 @@ class TimeLimit:
                 return
             if self._loaded_s < LEAST_LIMIT_S and _loads(self._thread):
                 self._loaded_s += _LOOK_S
-                self._wait(_LOOK_S, self._after_loading)
+                self._loading = True
+                self._wait(_LOOK_S, self._break)
+                return
+            if self._loading:  # no more: it begins anew
+                self._loading = False
+                self._wait(self.limit_s, self._break)
                 return
             self._raise(TimeLimitError)
             if self._task.made_by != (platform.node(), os.getpid()):  # a worker, not the run itself
                 self._wait(_GRACE_S, lambda: os._exit(OVERDUE))
-
-    def _after_loading(self) -> None:
-        """Begin anew once nothing is loaded any more."""
-        if _loads(self._thread):
-            self._break()
-            return
-        with self._ending:
-            if not self._over:
-                self._wait(self.limit_s, self._break)
 
     def _raise(self, error: type[BaseException] | None) -> None:
         """Let this thread raise an error as soon as it can; None takes it back."""

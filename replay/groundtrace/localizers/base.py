@@ -13,7 +13,7 @@ import shapely
 from groundtrace_codecs.events import Fix, Note, Pick, Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..dsp.robust import RARELY, chi_square_quantile
+from ..dsp.robust import ChiSquareCheck, chi_square_quantile
 from ..errors import PipelineError
 from ..pipeline.gates import Candidates, Level, Reach, gate_specs, never_passed
 from ..pipeline.parameters import gate, measured
@@ -106,15 +106,9 @@ class RunningSigma:
         self.told.append(found.residual * (found.picks / spare) ** 0.5 / typical)
 
 
-#: Places looked back on for whether the model holds, and the least of them. Chosen by judgement: 20
-#: are ten seconds of steps.
-LOOKED_BACK, LEAST_PLACES = 20, 8
 #: A model may be wrong by this part of how far arrivals are apart. Chosen by judgement: as much as
 #: velocities differ over a floor.
 MODEL_ERROR = 0.2
-#: A place counts at most so many times what is expected, and so much over the limit is allowed for
-#: false arrivals. Chosen by judgement: one arrival in ten may be false.
-MOST_EACH, FALSE_ARRIVALS = 10.0, 1.0
 
 
 @dataclass(slots=True)
@@ -131,20 +125,7 @@ class ModelCheck:
 
     sigma_s: float
     unknowns: int
-    _last: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=LOOKED_BACK))
-
-    @property
-    def ratio(self) -> float:
-        """Chi-square over what it is expected to be; 0 while there are too few places."""
-        if len(self._last) < LEAST_PLACES:
-            return 0.0
-        return sum(square for square, _ in self._last) / sum(spare for _, spare in self._last)
-
-    @property
-    def limit(self) -> float:
-        """The ratio from which the model is contradicted."""
-        spare = sum(spare for _, spare in self._last) or 1
-        return chi_square_quantile(spare, RARELY) / spare + FALSE_ARRIVALS
+    residuals: ChiSquareCheck = field(default_factory=ChiSquareCheck)
 
     def learn(self, found: LocationEstimate, times_s: Array) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
@@ -153,7 +134,7 @@ class ModelCheck:
             return
         scatter = float(np.nanstd(times_s))
         square = found.picks * found.residual**2 / (self.sigma_s**2 + (MODEL_ERROR * scatter) ** 2)
-        self._last.append((min(square, MOST_EACH * spare), spare))
+        self.residuals.learn(square, spare)
 
 
 #: How arrival times grow with distance on a thin plate. Source: thesis, equation (4.24).
@@ -423,7 +404,7 @@ class ArrivalLocalizer(Stage):
         if check is None or context is None:
             return
         check.learn(self._found[1], arrivals)
-        ratio, limit = check.ratio, check.limit
+        ratio, limit = check.residuals.ratio, check.residuals.limit
         if (ratio > limit) == self._doubted:
             return
         self._doubted = not self._doubted

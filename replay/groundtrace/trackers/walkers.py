@@ -17,7 +17,6 @@ near one is drawn to it, by the variances of both.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,7 +26,7 @@ from groundtrace_codecs.events import SMOOTHED, Fix, Note, Quantity, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign
-from ..dsp.robust import RARELY, chi_square_quantile
+from ..dsp.robust import ChiSquareCheck
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import measured
 from ..pipeline.stage import Context, Input, Memory, Stage
@@ -77,10 +76,6 @@ PARTS = slice(None, -1), slice(1, None)
 #: A fix further from all paths is of somebody who walks elsewhere [deviations]. Chosen by
 #: judgement: one of 400 on a path is.
 ELSEWHERE = 3.0
-#: Fixes looked back on for whether walkers keep to the paths, the least of them, what each counts
-#: at most, and what is granted over the limit. Chosen by judgement: ten seconds of steps, of which
-#: one in ten may be off.
-LOOKED_BACK, LEAST_FIXES, MOST_EACH, GRANTED = 20, 8, 10.0, 1.0
 
 
 @dataclass(slots=True, eq=False)
@@ -104,7 +99,7 @@ class WalkPaths:
     ends: Array
     sigma_m: float
     contradicted: bool = False
-    _last: deque[float] = field(default_factory=lambda: deque(maxlen=LOOKED_BACK))
+    check: ChiSquareCheck = field(default_factory=ChiSquareCheck)
 
     @classmethod
     def of(cls, geometry: Geometry | None, sigma_m: float) -> WalkPaths | None:
@@ -126,25 +121,11 @@ class WalkPaths:
         noise = seen.noise - np.outer(gain, spread)
         return FixObservation(seen.time_ns, seen.place - gain * off_m, noise)
 
-    @property
-    def ratio(self) -> float:
-        """Chi-square of the last fixes over what it is expected to be."""
-        return sum(self._last) / len(self._last)
-
-    @property
-    def limit(self) -> float:
-        """The ratio from which the paths are contradicted."""
-        count = len(self._last)
-        return chi_square_quantile(count, RARELY) / count + GRANTED
-
     def learn(self, seen: FixObservation) -> bool:
         """Take in how far a fix is from the paths; return whether that changes what paths count."""
         off_m, across, spread = self._off(seen)
-        square = off_m**2 / (across @ spread + self.sigma_m**2)
-        self._last.append(min(float(square), MOST_EACH))
-        before = self.contradicted
-        if len(self._last) >= LEAST_FIXES:
-            self.contradicted = self.ratio > self.limit
+        self.check.learn(float(off_m**2 / (across @ spread + self.sigma_m**2)))
+        before, self.contradicted = self.contradicted, self.check.ratio > self.check.limit
         return self.contradicted != before
 
     def _off(self, seen: FixObservation) -> tuple[float, Array, Array]:
@@ -565,10 +546,10 @@ class WalkerTracker(Stage):
         for fix in fixes:
             if not paths.learn(self._raw(fix)):
                 continue
+            ratio, limit = paths.check.ratio, paths.check.limit
             text = (
                 f"{self.stage}: the last fixes are not where the geometry's paths lead: chi-square "
-                f"is {paths.ratio:.1f} times the expected one ({paths.limit:.1f} allowed); paths "
-                f"count no more"
+                f"is {ratio:.1f} times the expected one ({limit:.1f} allowed); paths count no more"
                 if paths.contradicted
                 else f"{self.stage}: the last fixes are where the geometry's paths lead: paths "
                 f"count again"
