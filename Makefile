@@ -140,13 +140,17 @@ pictures: $(VENV)/installed ## those in the README and the docs
 	$(BIN)/python -P -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
 	$(BIN)/groundtrace replay lower-back --rrd build/lower-back.rrd --out build/lower-back.results.mcap --force
 	$(BIN)/python -P -m groundtrace_viewers build/lower-back.rrd docs/walker.png --at 8.65 --size 1280x720
-	for name in phone-indoor shots vehicle-pass; do $(BIN)/groundtrace replay $$name --rrd build/$$name.rrd \
+	for name in phone-indoor phone-hand shots vehicle-pass; do $(BIN)/groundtrace replay $$name --rrd build/$$name.rrd \
 	  --out build/$$name.results.mcap --force || exit; done
 	$(BIN)/python -P -m groundtrace_viewers build/phone-indoor.rrd docs/images/walker-track.png --at 30 --size 1280x720
+	$(BIN)/python -P -m groundtrace_viewers build/phone-hand.rrd docs/images/first-recording.png --at 30 --size 1280x720
 	$(BIN)/python -P -m groundtrace_viewers build/shots.rrd docs/images/shots.png --at 0.05 --size 1280x720
 	$(BIN)/python -P -m groundtrace_viewers build/vehicle-pass.rrd docs/vehicle.png --at 15 --size 1280x720
 	$(BIN)/groundtrace figure build/lower-back.results.mcap --step 2 -o docs/images/missed-step.png --dpi 150
+	$(BIN)/groundtrace sweep build/lower-back.results.mcap --grid steps.score=0.05:0.5:10 \
+	  --grid steps.apart=0.2:0.5:7 --figure docs/images/sweep.svg --force
 	$(BIN)/python bench/tables_drawn.py
+	$(BIN)/python bench/page_pictures.py docs/images
 
 clean:
 	find . -name "kernels-*" -path "*/__pycache__/*" -prune -exec rm -rf {} +

@@ -1,0 +1,90 @@
+"""Pictures of pages for the tutorials: a shared replay, annotations, the report of a fleet.
+
+    python bench/page_pictures.py docs/images
+
+Needs Chromium; ``make pictures`` runs it. Each page is made by the commands of its tutorial.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pictures import DRAWN_MS, PATIENCE_MS, browsing, quietly
+
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from playwright.sync_api import Browser
+
+#: Of a page with a viewer; of one without, as far as its distributions [px].
+WIDTH, VIEWER, REPORT = 1280, 720, 1540
+WALKS = ("lower-back", "phone-hand", "waist-walk")
+
+
+def picture(browser: Browser, url: str, png: Path, *, viewer: bool) -> None:
+    """Take a picture of the top of a page; one with a viewer when that has drawn."""
+    context = browser.new_context(color_scheme="dark")
+    page = context.new_page()
+    page.set_viewport_size({"width": WIDTH, "height": VIEWER if viewer else REPORT})
+    page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script("console.debug = () => {}")  # the viewer says very much
+    page.goto(url)
+    if viewer:
+        page.wait_for_selector("html[data-state=ready]")
+        page.wait_for_timeout(DRAWN_MS)
+    page.screenshot(path=png, timeout=PATIENCE_MS)
+    context.close()
+    print(png)
+
+
+@contextmanager
+def annotating(recording: Path) -> Iterator[str]:
+    """Serve the page of annotations of a recording; its address."""
+    program = "from groundtrace.cli.main import main; main()"
+    asked = ("annotate", str(recording), "--serve", "--no-browser")
+    with subprocess.Popen(
+        [sys.executable, "-P", "-c", program, *asked], stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            said = iter(process.stderr or ())
+            yield next(found.group() for line in said if (found := re.search(r"http://\S+", line)))
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+def main() -> None:
+    """Make each page in a folder that is removed afterwards, and take its picture."""
+    target = Path(sys.argv[1])
+    with tempfile.TemporaryDirectory() as made, browsing() as browser:
+        folder = Path(made)
+        results, shared = folder / "lower-back.results.mcap", folder / "walk.html"
+        quietly("replay", "lower-back", "--no-viewer", "--out", str(results))
+        quietly("share", str(results), "-o", str(shared), "--single-file")
+        picture(browser, shared.as_uri(), target / "shared-page.png", viewer=True)
+
+        walks, table, report = folder / "walks", folder / "walks.parquet", folder / "walks.html"
+        walks.mkdir()
+        for name in WALKS:
+            shutil.copy(path_of(f"{name}.mcap"), walks)
+        quietly("fleet", str(walks), "--pipeline", "waist-steps", "-o", str(table))
+        quietly("fleet-report", str(table), "-o", str(report))
+        picture(browser, report.as_uri(), target / "fleet-report.png", viewer=False)
+
+        robot = Path(shutil.copy(path_of("robot.mcap"), folder))
+        quietly("annotate", str(robot), "--add", "ignore@0-10", "--author", "bea")
+        with annotating(robot) as url:
+            picture(browser, url, target / "annotate-page.png", viewer=True)
+
+
+if __name__ == "__main__":
+    main()
