@@ -13,6 +13,7 @@ import numpy as np
 
 from .errors import SchemaError
 from .signals import SEISMIC_QUANTITIES
+from .toml import toml_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -372,11 +373,11 @@ def _scaled(value: Any, metres: float) -> Any:
 
 def geometry_text(fields: Mapping[str, Any]) -> str:
     """Return a geometry, as its fields, as TOML; fields without a value are left out."""
-    lines = [f"unit = {_toml(fields['unit'])}"]
+    lines = [f"unit = {toml_value(fields['unit'])}"]
     kept = [key for key in ("outline", "start", "road", "paths") if fields[key]]
-    lines += [f"{key} = {_toml(fields[key])}" for key in kept]
+    lines += [f"{key} = {toml_value(fields[key])}" for key in kept]
     if fields["sources"]:
-        lines.append(f"source = {_toml(fields['sources'])}")
+        lines.append(f"source = {toml_value(fields['sources'])}")
     for sensor in fields["sensors"]:
         lines += ["", "[[sensor]]", *_pairs(sensor)]
     lines += ["", "[medium]", *_pairs(fields["medium"])]
@@ -384,15 +385,7 @@ def geometry_text(fields: Mapping[str, Any]) -> str:
 
 
 def _pairs(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_toml(value)}" for key, value in table.items() if value is not None]
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    if isinstance(value, str):
-        return msgspec.json.encode(value).decode()
-    return repr(value)
+    return [f"{key} = {toml_value(value)}" for key, value in table.items() if value is not None]
 
 
 #: Metadata record of a recording that says where on earth its site's zero lies: ``latitude_deg``,

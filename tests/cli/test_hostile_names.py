@@ -83,7 +83,7 @@ def test_names_of_channels_that_are_formulas_come_back_by_a_guessed_map(
     capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    names = ["=A1", "+1+2", "-B2", "@SUM(1)", "'=quoted", "plain"]
+    names = ["=A1", "+1+2", "-B2", "@SUM(1)", "'=quoted", "plain", "\u202egpj\u2066\x7f\x9b"]
     stream = Stream("/s", tuple(Channel(name, "seismic", "count") for name in names), 100.0)
     samples = np.arange(300 * len(names)).reshape(-1, len(names)).astype("<i4")
     write_recording("a.mcap", [(stream, "i32le", [SignalBlock(stream, 10**18, 0, samples)])])
@@ -92,9 +92,9 @@ def test_names_of_channels_that_are_formulas_come_back_by_a_guessed_map(
     assert not [cell for cell in header if cell.startswith(tuple("=+-@"))]
     done(capsys, "import", "a.csv", "--guess", "-o", "map.toml")
     done(capsys, "import", "a.csv", "--map", "map.toml", "-o", "b.mcap")
-    columns = {
-        c["column"] for c in tomllib.loads(Path("map.toml").read_text())["stream"][0]["columns"]
-    }
+    written = Path("map.toml").read_text("utf-8")
+    assert not HARMFUL.search(written), "who checks the map reads what the import reads"
+    columns = {c["column"] for c in tomllib.loads(written)["stream"][0]["columns"]}
     assert {f"{name}_count" for name in names} <= columns
     with Recording.open("b.mcap") as back:
         found = np.concatenate([stamped.block.samples for stamped in back.blocks()])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 
 from ..errors import FormatError, SchemaError
 from ..signals import NS_PER_S
+from ..toml import toml_value
 from ..truth import plain_cell
 from .map import TIME_UNITS_NS
 from .time import timestamps
@@ -636,23 +636,22 @@ def as_toml(
     lines += [f"# {_plain(remark_line(r))}" for r in remarks]
     lines += [
         'format = "csv"',
-        f"delimiter = {_toml_text(table.delimiter)}",
-        f"decimal = {_toml_text(table.decimal)}",
+        f"delimiter = {toml_value(table.delimiter)}",
+        f"decimal = {toml_value(table.decimal)}",
         'comment = ""',
         f"skip_rows = {table.skip_rows}",
-        f"encoding = {_toml_text(table.encoding)}",
+        f"encoding = {toml_value(table.encoding)}",
     ]
     if time is None:
         lines.append(f"rate_hz = {PLACEHOLDER_HZ}")
     else:
-        lines.append(
-            f"time = {{column = {_key(table, time.column)}, unit = {_toml_text(time.unit)}}}"
-        )
+        key = toml_value(table.key(time.column))
+        lines.append(f"time = {{column = {key}, unit = {toml_value(time.unit)}}}")
     if counter is not None:
         wraps = "" if counter.modulus is None else f", modulus = {counter.modulus}"
-        lines.append(f"counter = {{column = {_key(table, counter.column)}{wraps}}}")
+        lines.append(f"counter = {{column = {toml_value(table.key(counter.column))}{wraps}}}")
     for topic, columns in groups.items():
-        lines += ["", "[[stream]]", f"topic = {_toml_text(topic)}", "columns = ["]
+        lines += ["", "[[stream]]", f"topic = {toml_value(topic)}", "columns = ["]
         lines += [f"  {_column(table, c)}," for c in columns]
         lines.append("]")
     return "\n".join(lines) + "\n"
@@ -665,21 +664,12 @@ def remark_line(remark: Remark) -> str:
 
 
 def _column(table: RawTable, column: Column) -> str:
-    axis = f", axis = {_toml_text(column.axis)}" if column.axis else ""
+    key, quantity, unit = table.key(column.place), column.quantity, column.unit
+    axis = f", axis = {toml_value(column.axis)}" if column.axis else ""
     return (
-        f"{{column = {_key(table, column.place)}, quantity = {_toml_text(column.quantity)}, "
-        f"unit = {_toml_text(column.unit)}{axis}}}"
+        f"{{column = {toml_value(key)}, quantity = {toml_value(quantity)}, "
+        f"unit = {toml_value(unit)}{axis}}}"
     )
-
-
-def _key(table: RawTable, index: int) -> str:
-    key = table.key(index)
-    return _toml_text(key) if isinstance(key, str) else str(key)
-
-
-def _toml_text(text: str) -> str:
-    """Return a TOML basic string, whose escapes are those of JSON but for DEL."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _plain(text: str) -> str:

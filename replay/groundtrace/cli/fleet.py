@@ -328,6 +328,7 @@ def fleet_report(
             "now",
             "change",
             "interval",
+            "p, corrected",
             "",
         )
         print_table(header, [(*change_cells(c), c.verdict) for c in found])

@@ -71,7 +71,7 @@ def fleet_page(
     found
         The changes since.
     by
-        What was drawn as a whole; empty for recordings.
+        What was left out as a whole; empty for recordings.
     """
     recorded = length(float(np.nansum(_of_each(fleet, "duration_s"))))
     wall_s, recorded_s = (float(np.nansum(fleet.numbers(n))) for n in ("wall_s", "duration_s"))
@@ -94,6 +94,7 @@ def fleet_page(
         by_pipeline=pipeline_rows(fleet),
         against=None if old is None else _against(old, fleet, found),
         by=by,
+        false_discoveries=FALSE_DISCOVERIES,
         fewest=FEWEST,
         distributions=list(_distributions(fleet)),
         worst=_worst(fleet, misses, files),
@@ -187,10 +188,11 @@ def _origin(fleet: FleetTable) -> dict[str, list[tuple[str, ...]]]:
 
 
 class Against(NamedTuple):
-    """What changed since an earlier table: its name, rows in both, figures, recordings."""
+    """What changed since an earlier table: name, rows in both, intervals, figures, recordings."""
 
     name: str
     pairs: int
+    tested: int
     figures: list[tuple[list[str], Verdict]]
     tables: list[FleetRows]
 
@@ -199,7 +201,8 @@ def _against(old: FleetTable, new: FleetTable, found: Sequence[Change]) -> Again
     pairs = pairs_of(old, new)
     tables = [each for each in _moved(old, new, pairs) if each.rows] if found else []
     figures = [(change_cells(change), change.verdict) for change in found]
-    return Against(old.name, len(pairs), figures, tables)
+    tested = sum(change.interval is not None for change in found)
+    return Against(old.name, len(pairs), tested, figures, tables)
 
 
 def _moved(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> Iterator[FleetRows]:
@@ -228,7 +231,7 @@ def _moved(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> It
 
 
 def change_cells(change: Change) -> list[str]:
-    """Return a change as text: figure, pipeline, recordings, groups, before..interval."""
+    """Return a change as text: figure, pipeline, recordings, groups, before..interval, p."""
     measure, interval = change.measure, change.interval
     said = "" if change.verdict == "the same" else f"needs {FEWEST} groups, found {change.groups}"
     if interval is not None:
@@ -243,6 +246,7 @@ def change_cells(change: Change) -> list[str]:
         figure(change.after, measure),
         figure(change.after - change.before, measure, sign=True),
         said,
+        "" if change.adjusted_p is None else f"{change.adjusted_p:.3f}",
     ]
 
 
@@ -608,11 +612,11 @@ class Change:
     before, after
         Over these.
     interval
-        Of the change, nine of ten draws; None where there are too few recordings to tell.
+        Of the change; None where there are too few groups to tell.
     verdict
         Better or worse where that is told apart from chance among all figures, and matters.
     groups
-        What was drawn: recordings, or groups of them.
+        What was left out in turn: recordings, or groups of them.
     adjusted_p
         Of the figure among all compared (Benjamini and Hochberg 1995); None without an interval.
     """
@@ -653,7 +657,7 @@ def changes(
     old, new
         The tables.
     groups
-        Of each row of the new table: what is drawn as a whole; None draws recordings.
+        Of each row of the new table: what is left out as a whole; None leaves out recordings.
     matters
         The least difference that matters by the key of a figure, where not its own.
     """

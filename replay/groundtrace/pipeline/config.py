@@ -13,6 +13,7 @@ import msgspec
 from groundtrace_codecs.events import EVENTS, Fix, Gap, Label, Presence, StepEvent, TrackPoint
 from groundtrace_codecs.geometry import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.toml import toml_value
 
 from ..errors import PipelineError, SettingError, Usage, did_you_mean
 from .parameters import build, checked_value, describe, parse_value
@@ -344,10 +345,10 @@ def build_pipeline(
         memories[stage.key] = stages[-1].memory.behind([memories[name] for name in before])
         if TrackPoint in kind.gives:
             tracked.append(tracking(stage.key, kind, sources))
-    lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
-    lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
+    lines = [f"{key} = {toml_value(getattr(config, key))}" for key in RECIPE_KEYS]
+    lines += [f"{PLACEMENTS} = {toml_value(config.placements)}"] if config.placements else []
     needs = {key: value for key, value in asdict(config.needs).items() if value}
-    lines += [f"needs = {_toml(needs)}"] if needs else []
+    lines += [f"needs = {toml_value(needs)}"] if needs else []
     lines += [] if config.stage else ["stage = []"]
     for stage, kind, parameters in zip(config.stage, kinds, given, strict=True):
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
@@ -357,25 +358,15 @@ def build_pipeline(
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
-    lines = ["", "[[stage]]", f"name = {_toml(stage.key)}", f"use = {_toml(stage.use)}"]
+    lines = ["", "[[stage]]", f"name = {toml_value(stage.key)}", f"use = {toml_value(stage.use)}"]
     names = {"topics": stage.topics, "source": stage.source}
-    lines += [f"{key} = {_toml(list(given))}" for key, given in names.items() if given]
+    lines += [f"{key} = {toml_value(list(given))}" for key, given in names.items() if given]
     lines.append("[stage.parameters]")
     lines += [
-        f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}"
+        f"{info.name} = {toml_value(values[info.name])}  # {info.unit}; {info.part}"
         for info in describe(kind)
     ]
     return lines
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, float):
-        return repr(value)
-    return msgspec.json.encode(value).decode()
 
 
 #: What is said of a stage that gives a kind of event.

@@ -136,6 +136,54 @@ def test_a_change_of_some_walkers_is_worse_by_recording_and_undecided_by_walker(
     assert by_walker.interval is not None
     assert by_walker.interval.low < 0 < by_walker.interval.high
 
+    for groups, by, said in (
+        (None, "", ["48", "48", "worse"]),
+        (walkers, "walker", ["48", "8", "undecided"]),
+    ):
+        page = fleet_page(new, {}, {}, old, changes(old, new, groups), by)
+        cells = row_of(page, "Recall")
+        assert [cells[2], cells[3], cells[-1]] == said
+        told = "once without each whole group by walker" if by else "once without each recording"
+        assert told in " ".join(page.split())
+        assert ("use --group-by" in page) == (not by)
+
+
+def row_of(page: str, figure: str) -> list[str]:
+    """Return the cells of a figure's row among what changed."""
+    changed = page.partition("<h2>What changed</h2>")[2].partition("</section>")[0]
+    (row,) = re.findall(rf"<tr><td>{re.escape(figure)}</td>.*?</tr>", changed, re.DOTALL)
+    return [unescape(cell).strip() for cell in re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL)]
+
+
+def test_the_page_says_what_the_number_of_figures_does_to_a_verdict() -> None:
+    rng = np.random.default_rng(7)
+    before = rng.integers(10, 18, 24)
+    by_chance = (before + rng.permutation(np.repeat([-1, 1], 12))).tolist()
+    drawn = rng.normal(0, 1, 24)
+    slower = 8 + 19 * (drawn - drawn.mean()) / drawn.std()  # t is 2: p is 0.05 where it is alone
+    told = {}
+    for name, after in (("alone", before.tolist()), ("among others", by_chance)):
+        old, new = table("old", before.tolist()), table("new", after)
+        old.columns["steps_latency_ms_median"] = [100.0] * 24
+        new.columns["steps_latency_ms_median"] = (100 + slower).tolist()
+        found = changes(old, new)
+        latency = next(c for c in found if c.measure.key == "latency_ms")
+        page = " ".join(fleet_page(new, {}, {}, old, found).split())
+        tested = sum(c.interval is not None for c in found)
+        assert f"{tested} figures are compared, and among many one moves by chance" in page
+        assert "corrected for their number (Benjamini-Hochberg)" in page
+        assert "corrected p is at most 0.1" in page
+        told[name] = (tested, latency, row_of(page, "Latency, median, without sign [ms]"))
+    (one, alone, shown), (many, among, shown_too) = told.values()
+    assert (one, alone.interval) == (1, among.interval)
+    assert many > 3
+    assert alone.interval is not None
+    assert alone.adjusted_p == alone.interval.p
+    assert among.adjusted_p == pytest.approx(many * alone.interval.p)
+    assert shown[-2:] == [f"{alone.adjusted_p:.3f}", "worse"]
+    assert shown_too[-2:] == [f"{among.adjusted_p:.3f}", "undecided"]
+    assert shown[:-2] == shown_too[:-2], "the interval itself is not corrected"
+
 
 def test_a_difference_that_nobody_sees_is_too_small_to_matter() -> None:
     old, new = table("old", [15] * 20, 58.90), table("new", [15] * 20, 58.93)
@@ -202,7 +250,7 @@ def test_the_command_draws_the_groups_of_a_table_of_tags(
     check_schema("fleet-report", said)
     f1 = next(c for c in said["changes"] if c["figure"].startswith("F1, all"))
     assert (f1["recordings"], f1["groups"], f1["interval"]) == (3, 2, None)
-    assert "whole groups by subject" in Path("new.html").read_text("utf-8")
+    assert "without each whole group by subject" in Path("new.html").read_text("utf-8")
     assert "needs 6 groups, found 2" in done(capsys, *grouped).out
     for wrong, told in (
         (("--tags", "tags.csv"), "--tags: expected --group-by COLUMN with it, found none"),
