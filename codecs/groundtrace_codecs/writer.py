@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from .annotations import ANNOTATIONS_TOPIC, SIDECAR, encode_annotation, replace_durably
-from .errors import CodecError
+from .errors import CodecError, NoRoomError
 from .events import EVENTS, CandidateBlock, StageSpec, TraceBlock
 from .geometry import SITE_NAME
 from .mcap.writer import CHUNK_BYTES, TOOL, Container, Output, Packet, tool_version
@@ -307,9 +307,13 @@ def write_sidecar(path: Path, sidecar: Sidecar) -> None:
         Where it cannot be written.
     """
     fresh = path.with_name(f"{path.name}.new")
-    with RecordingWriter(fresh, force=True) as writer:
-        writer.add_metadata(SIDECAR, sidecar.metadata())
-        writer.add_annotations(sidecar.annotations)
+    try:
+        with RecordingWriter(fresh, force=True) as writer:
+            writer.add_metadata(SIDECAR, sidecar.metadata())
+            writer.add_annotations(sidecar.annotations)
+    except NoRoomError as error:  # what was written of it is of no use: the journal has more
+        fresh.with_name(f"{fresh.name}.partial").unlink(missing_ok=True)
+        raise NoRoomError(path, error.reason) from error
     replace_durably(fresh, path)
 
 

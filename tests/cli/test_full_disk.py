@@ -37,6 +37,9 @@ OUTPUTS = {
     "room.rrd": ("analyze", "room", "in/room.toml", "--lattice", "3", "--draws", "2", "--rrd"),
     "replay.rrd": ("replay", WALK, "--out", "new.mcap", "--rrd"),
     "replay.mcap": ("replay", WALK, "--no-viewer", "--out"),
+    "figure.svg": ("figure", RESULTS, "--at", "2", "-o"),
+    "figure.pdf": ("figure", RESULTS, "--at", "2", "-o"),
+    "figure.png": ("figure", RESULTS, "--at", "2", "-o"),
     "sweep.svg": ("sweep", RESULTS, "--grid", "steps.swing=0.4:0.6:3", "--figure"),
     "best.toml": ("sweep", RESULTS, "--grid", "steps.swing=0.4:0.6:3", "--write"),
     "steps.csv": ("export", RESULTS, "--kind", "candidates", "-o"),
@@ -152,6 +155,30 @@ def test_a_folder_that_a_full_disk_ends_does_not_appear(
     assert {p.name for p in Path().iterdir()} == {"in"}
 
 
+@pytest.mark.parametrize("command", ["export", "share"])
+@pytest.mark.usefixtures("_in_place")
+def test_no_folder_takes_the_place_of_where_one_works_or_of_a_mounted_disk(
+    command: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("work/deep").mkdir(parents=True)
+    results = Path(RESULTS).resolve()
+    asked = (command, results, "--force", "-o")
+    monkeypatch.chdir("work/deep")
+    for here in (".", "", "..", Path.cwd()):
+        said = run(capsys, *asked, here).error
+        assert said.endswith(
+            ": expected a folder that can be replaced, found the one that the command runs in"
+        )
+    Path("disk").mkdir()
+    monkeypatch.setattr("os.path.ismount", lambda path: Path(path).name == "disk")
+    said = run(capsys, *asked, "disk").error
+    wanted = (
+        "disk: expected a folder that can be replaced, found one where a file system is mounted"
+    )
+    assert said == wanted
+    assert [p.name for p in Path().iterdir()] == ["disk"]
+
+
 @pytest.mark.usefixtures("_in_place")
 def test_an_import_whose_temporary_file_finds_no_room_is_one_line(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch
@@ -170,6 +197,23 @@ def test_a_mark_that_finds_no_room_is_one_line_and_the_others_stay(capsys: Captu
     with no_more_than(10):
         assert "found: File too large" in run(capsys, "annotate", WALK, "--add", "missed@2.5").error
     assert done(capsys, "annotate", WALK, "--list").out == listed
+
+
+@pytest.mark.usefixtures("_in_place")
+def test_a_mark_of_which_the_journal_alone_has_room_is_told_as_that_and_kept(
+    capsys: Capture,
+) -> None:
+    done(capsys, "annotate", WALK, "--add", "missed@1.5")
+    sidecar, journal = Path("in/walk.annotations.mcap"), Path("in/walk.annotations.journal")
+    before = sidecar.read_bytes()
+    room = journal.stat().st_size + 400
+    assert room < sidecar.stat().st_size
+    with no_more_than(room):
+        said = run(capsys, "annotate", WALK, "--add", "missed@2.5").error
+    assert said == f"{sidecar}: {FULL}; the journal {journal.name} has all of it"
+    assert sidecar.read_bytes() == before
+    assert {p.name for p in Path("in").glob("walk.annotations.*")} == {sidecar.name, journal.name}
+    assert "2.500" in done(capsys, "annotate", WALK, "--list").out
 
 
 def piped(*arguments: str, out: int | str, buffered: bool, before: str = "") -> tuple[int, str]:

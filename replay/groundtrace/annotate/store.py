@@ -25,7 +25,7 @@ from groundtrace_codecs.annotations import (
     replace_durably,
     sidecar_path,
 )
-from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.errors import CodecError, not_written
 from groundtrace_codecs.events import ANNOTATION_KINDS, SPAN_KINDS
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
@@ -849,13 +849,14 @@ class Annotations:
 
         journal = self._writer.journal if self._writer is not None else self._begun
         kept = Sidecar(self.key, self.items, journal.header.id, len(journal.actions))
+        there = f"; the journal {self._journal_path.name} has all of it"
         try:
             write_sidecar(self.path, kept)
-        except (OSError, CodecError) as error:
-            raise AnnotationError(
-                f"{self.path}: expected to be written, found: {error}; "
-                f"the journal {self._journal_path.name} has all of it"
-            ) from error
+        except CodecError as error:
+            raise AnnotationError(f"{error}{there}") from error
+        except OSError as error:
+            said = f"{self.path}: {not_written(error.strerror)}{there}"
+            raise AnnotationError(said) from error
 
 
 def _unwritable(beside: Path, error: OSError) -> AnnotationError:

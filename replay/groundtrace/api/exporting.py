@@ -24,7 +24,14 @@ from ..export.base import (
     stage_of,
 )
 from ..pipeline.results import RUN, file_sha256, read_results
-from .files import in_folder, named_recording, recording_of, unheard, writable
+from .files import (
+    check_replaceable,
+    in_folder,
+    named_recording,
+    recording_of,
+    unheard,
+    writable,
+)
 from .known_truth import annotations_to_show, truth_beside
 
 if TYPE_CHECKING:
@@ -115,6 +122,8 @@ def _check_target(out: Path, sources: Sequence[Path], *, folder: bool, force: bo
         raise RecordingError(f"{out}: expected a folder, found a file")
     if out.exists() and not force:
         raise RecordingError(f"{out}: expected a new folder, found an existing one; see --force")
+    if out.exists():
+        check_replaceable(out)
     in_folder(out)
 
 

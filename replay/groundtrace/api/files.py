@@ -7,6 +7,7 @@ ends. What people made or recorded stays.
 
 from __future__ import annotations
 
+import os
 from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Protocol
@@ -175,6 +176,24 @@ def writable(
     if path.exists() and not (force or (of is not None and derived_from(path, of()))):
         raise RecordingError(f"{path}: expected a new file, found an existing one; see --force")
     return in_folder(path)
+
+
+def check_replaceable(folder: Path) -> None:
+    """Refuse a folder that cannot be put away for another of its name.
+
+    Raises
+    ------
+    RecordingError
+        Where the command runs in it, or a file system is mounted there.
+    """
+    here = Path.cwd()
+    if folder.resolve() in (here, *here.parents):
+        found = "the one that the command runs in"
+    elif os.path.ismount(folder):
+        found = "one where a file system is mounted"
+    else:
+        return
+    raise RecordingError(f"{folder}: expected a folder that can be replaced, found {found}")
 
 
 def in_folder(path: Path) -> Path:

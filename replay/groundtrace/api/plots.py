@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -131,8 +132,11 @@ def save_figure(figure: Any, path: Path, sha256: str, dpi: float) -> None:
     kind = path.suffix.lower()
     told = {FORMATS[kind]: mark_of(sha256)} | _SAME.get(kind, {})
     more = {"svg.hashsalt": sha256, "pdf.fonttype": 42}  # 42: letters stay letters
-    with style(**more), atomic_write(path) as fresh:
-        figure.savefig(fresh, dpi=dpi, metadata=told)
+    drawn = BytesIO()  # to a disk that is full, the writer of PDF fails by an error of zlib
+    with style(**more):
+        figure.savefig(drawn, dpi=dpi, format=kind.removeprefix("."), metadata=told)
+    with atomic_write(path) as fresh:
+        fresh.write_bytes(drawn.getbuffer())
 
 
 def draw_signal(

@@ -60,6 +60,7 @@ class FleetReport:
     done: int
     known: int
     failed: int
+    missing: int
     left_out: list[str]
     digest: str | None
     wall_s: float
@@ -114,12 +115,13 @@ def fleet(
     resume
         Skip finished recordings: same recording, truth, pipeline, versions and code.
     partial
-        With --join: leave out parts that are missing, and say how many they are.
+        With --join: leave out parts that are missing or broken, and say how many they are; the exit
+        code is 3 then.
     limit_s
         The most that a recording may take, in seconds; then it is a row with that error. By default
         50 times its length, and at least 600 s.
     allow_failures
-        Exit with 0 whatever failed.
+        Exit with 0 whatever failed or is missing.
     force
         Overwrite an existing table.
     """
@@ -146,17 +148,17 @@ def fleet(
         with _resumable(mine, count, parts), progress(len(mine), "fleet", "replays") as show:
             listed = run(mine, runs, parts, count, show, print_stderr, resume=resume)
         joined = join(parts, listed, out, command) if part is None else None
-    said = _report(out, parts, len(locations), count, joined, time.perf_counter() - began)
+    said = _report(out, parts, len(locations), count, joined, missing, time.perf_counter() - began)
     if json:
         print_json(said)
     else:
         _print(said)
         if missing:
-            print_line(f"missing: {missing} parts of {len(tasks)}, left out")
+            print_line(f"missing or broken: {missing} parts of {len(tasks)}, left out")
     rows, errors = (
         (joined.rows, joined.errors) if joined is not None else (count.total, count.failed)
     )
-    if errors and not allow_failures:
+    if (errors or missing) and not allow_failures:
         return ExitCode.LOSSES if errors < rows else ExitCode.ERROR
     return ExitCode.DONE
 
@@ -198,7 +200,13 @@ def _resumable(tasks: Sequence[Task], count: Count, parts: Parts) -> Iterator[No
 
 
 def _report(
-    out: Path, parts: Parts, recordings: int, count: Count, joined: Joined | None, wall_s: float
+    out: Path,
+    parts: Parts,
+    recordings: int,
+    count: Count,
+    joined: Joined | None,
+    missing: int,
+    wall_s: float,
 ) -> FleetReport:
     return FleetReport(
         str(out) if joined is not None else None,
@@ -212,6 +220,7 @@ def _report(
         count.done,
         count.known,
         count.failed,
+        missing,
         count.left_out,
         joined.digest if joined is not None else None,
         wall_s,

@@ -216,16 +216,16 @@ def join_parts(
     tasks, parts, table, command
         What was to be done, what came of it, where to, and what the tables say they were made by.
     partial
-        Leave out what is missing.
+        Leave out what is missing or broken.
 
     Returns
     -------
-    What was joined, and how many parts are missing.
+    What was joined, and how many parts are missing or broken.
 
     Raises
     ------
     RecordingError
-        Where some are missing and ``partial`` is not given, or there are none at all.
+        Where some are so and ``partial`` is not given, or all are.
     """
     with ThreadPoolExecutor(_READERS) as readers:
         keys = list(readers.map(_key_in_time, tasks))
@@ -233,8 +233,9 @@ def join_parts(
     missing = [item for item in listed if not parts.has(item.key)]
     if missing and (not partial or len(missing) == len(listed)):
         raise RecordingError(
-            f"{parts.folder}: expected {len(listed)} parts, found {len(listed) - len(missing)}; "
-            f"the first that is missing is of {missing[0].location}"
+            f"{parts.folder}: expected {len(listed)} whole parts, found "
+            f"{len(listed) - len(missing)}; the first that is missing or broken is of "
+            f"{missing[0].location}"
         )
     there = [item for item in listed if item not in set(missing)] if missing else listed
     return join(parts, there, table, command), len(missing)

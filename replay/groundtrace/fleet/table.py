@@ -227,13 +227,15 @@ class Parts:
             (self.folder / f"{key}{_DONE if failed else _FAILED}").unlink(missing_ok=True)
 
     def done(self) -> Iterator[str]:
-        """Yield the keys of parts that need not be made again: those without an error."""
+        """Yield the keys of parts that need not be made again: whole ones without an error."""
         for path in self.folder.glob(f"*{_DONE}"):
-            yield path.name.removesuffix(_DONE)
+            if decoded(path.read_bytes()) is not None:
+                yield path.name.removesuffix(_DONE)
 
     def has(self, key: str) -> bool:
-        """Tell whether there is a part."""
-        return self._path(key) is not None
+        """Tell whether there is a part that is whole: one may have been copied from elsewhere."""
+        path = self._path(key)
+        return path is not None and decoded(path.read_bytes()) is not None
 
     def read(self, key: str) -> Part:
         """Return a part.

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from command_runs import done, run
+from command_runs import check_schema, done, run
 from fleet_runs import Here, ran_fleet, use, walks
 from pyarrow import concat_tables, parquet
 
@@ -228,15 +228,36 @@ def test_shards_give_the_table_of_one_run(capsys: Capture, monkeypatch: pytest.M
     engine.given.clear()
     join = ("fleet", "small", "-o", "t.parquet", *WAIST, "--join")
     refused = run(capsys, *join).error
-    assert refused.startswith("t.parts: expected 4 parts, found 2; the first that is missing is of")
+    said = "t.parts: expected 4 whole parts, found 2; the first that is missing or broken is of "
+    assert refused.startswith(said)
     partly = run(capsys, *join, "--partial")
-    assert partly.out.splitlines()[-1] == "missing: 2 parts of 4, left out"
+    assert partly.out.splitlines()[-1] == "missing or broken: 2 parts of 4, left out"
+    assert partly.code == 3
     assert len(rows()) == 2
+    allowed = run(capsys, *join, "--partial", "--allow-failures", "--json")
+    check_schema("fleet", allowed.document)
+    assert (allowed.code, allowed.document["missing"]) == (0, 2)
     ran(capsys, *WAIST, "--shard", "2/2")
     assert [task.location for task in engine.given] == ["small/zjunk.mcap", "small/walk-2.mcap"]
     engine.given.clear()
     assert ran(capsys, *WAIST, "--join")["digest"] == digest
     assert engine.given == []
+
+
+@pytest.mark.parametrize("left", [0, 4, 300])
+def test_a_part_that_was_copied_in_half_is_left_out_or_made_again(
+    left: int, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    digest = ran(capsys, *WAIST)["digest"]
+    broken = min(Path("t.parts").glob("*.part"))
+    broken.write_bytes(broken.read_bytes()[:left])
+    join = ("fleet", "small", "-o", "t.parquet", *WAIST, "--join")
+    assert "expected 4 whole parts, found 3; the first that is" in run(capsys, *join).error
+    partly = run(capsys, *join, "--partial", "--json")
+    assert (partly.code, partly.document["missing"], partly.document["rows"]) == (3, 1, 3)
+    again = ran(capsys, *WAIST, "--resume")
+    assert (again["digest"], again["done"], again["missing"]) == (digest, 1, 0)
 
 
 def test_truth_comes_from_a_folder_or_from_beside(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from groundtrace.annotate.agreement import item_of, to_json
-from groundtrace.api.files import derived_from, in_folder, mark_of, unheard
+from groundtrace.api.files import check_replaceable, derived_from, in_folder, mark_of, unheard
 from groundtrace.api.replay import replay_to_files
 from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.results import atomic_write, provenance_of, read_results
@@ -125,6 +125,8 @@ def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) ->
         found = "a link"
     if found != wanted:
         raise ViewerError(f"{out}: expected {wanted}, found {found}")
+    if folder:
+        check_replaceable(out)
     if folder and any(out.iterdir()) and not all((out / name).is_file() for name in OWN_FILES):
         raise ViewerError(
             f"{out}: expected a folder that groundtrace share wrote, found another: it stays"
