@@ -2,7 +2,7 @@
 
 Each target runs in a process of its own under atheris, which mutates the seeds towards code not yet
 reached; of the decoder it is asked besides that no message comes that was not in the file. The
-table is that of docs/damage.md; each finding is kept with its input in --out.
+table is that of docs/notebook/damage.md; each finding is kept with its input in --out.
 
 Run: python bench/fuzz.py [--inputs 100000] [--only TARGET] [--out FOLDER]
 """

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+:/")
 _URLS = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://[^\s'\"]+")
+_TO_THE_END = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://.*")
 #: What opens a URL, by its public part.
 _OPENED_BY: dict[str, str] = {}
 
@@ -87,6 +88,19 @@ def without_secrets(text: str) -> str:
     for secret in sorted(secrets, key=len, reverse=True):  # one may be a part of another
         text = text.replace(secret, "...")
     return text
+
+
+def public_argument(argument: str) -> str:
+    """Return an argument of a command with the :class:`Location` of a URL in the place of it.
+
+    The URL goes on to the argument's end, from where it begins: behind an option's name, or in a
+    setting. A text of several words that does not begin with one is somebody's own, and stays.
+    """
+    if is_url(argument):
+        return str(Location(argument))
+    if len(argument.split()) > 1:
+        return argument
+    return _TO_THE_END.sub(lambda found: str(Location(found[0])), argument)
 
 
 def _public(url: str) -> str:

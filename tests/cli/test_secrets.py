@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from command_runs import run
 from pyarrow import parquet
 from served_room import served_room
 
@@ -42,10 +43,18 @@ cut URL -o cut.mcap --from 0 --to 1
 convert URL -o converted.mcap
 filter URL -o filtered.mcap --topic /seismic
 merge URL URL -o merged.mcap
-doctor URL --repair mended.mcap
+doctor URL --repair mended.mcap --json
 import URL -o imported.mcap
-analyze room URL
-info GONE
+analyze room URL --lattice 3 --draws 2
+analyze attenuation URL
+export URL -o truth.csv --kind truth
+figure URL --at 2 -o figure.svg
+simulate walk --duration-s 2 -o URL
+share a.results.mcap -o URL
+replay URL --set picks.level=URL
+fleet URL --engine dask:URL -o none.parquet
+info ./URL
+--URL
 replay GONE
 replay URL --pipeline nonsense
 replay --wrong-option=URL
@@ -80,6 +89,27 @@ def folder(tmp_path_factory: pytest.TempPathFactory, urls: dict[str, str]) -> Pa
 def test_commands_that_read_urls_did(folder: Path) -> None:
     for made in ("a.rrd", "a.html", "shared/summary.html", "shared.html", "tables", "table.html"):
         assert (folder / made).exists(), made
+
+
+def test_a_recording_at_a_url_is_examined_and_none_is_written_there(folder: Path) -> None:
+    said = {
+        command: (folder / f"{number}.printed").read_text("utf-8")
+        for number, command in enumerate(COMMANDS.strip().splitlines())
+    }
+    assert '"sound": true' in said["doctor URL --repair mended.mcap --json"]
+    for command, printed in said.items():
+        if command.endswith("-o URL"):
+            assert printed.endswith(": expected a path to write to, found a URL\n"), command
+    assert (folder / "mended.mcap").exists()
+    assert not list(folder.glob("http*"))
+
+
+def test_two_urls_of_which_the_secrets_alone_differ_are_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    said = run(capsys, "compare", *(f"http://h.example/walk.mcap?key={n}" for n in (1, 2))).error
+    wanted = "expected URLs that differ before their query, found two that do not"
+    assert said == f"http://h.example/walk.mcap: {wanted}"
 
 
 def test_no_output_has_a_secret(folder: Path) -> None:

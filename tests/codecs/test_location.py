@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import CodecError
-from groundtrace_codecs.location import Location, is_url, without_secrets
+from groundtrace_codecs.location import Location, is_url, public_argument, without_secrets
 
 URL = "https://someone:pass%40word@host.example:8443/data/walk.mcap?token=abc&x=1#part"
 PUBLIC = "https://host.example:8443/data/walk.mcap"
@@ -36,6 +36,18 @@ def test_paths_are_left_alone() -> None:
     assert Location("folder/a?b.mcap") == "folder/a?b.mcap"
     assert Location(Path("a@b.mcap")).opened_by() == "a@b.mcap"
     assert not is_url("C:/walk.mcap")
+
+
+@pytest.mark.parametrize("before", ["", "--recording=", "steps.score=", "dask:", "./", "--"])
+def test_of_a_url_in_an_argument_the_public_part_stays(before: str) -> None:
+    assert public_argument(f"{before}{URL}") == f"{before}{PUBLIC}"
+    assert Location(PUBLIC).opened_by() == URL
+
+
+def test_what_somebody_writes_with_a_url_in_it_stays() -> None:
+    assert public_argument("see https://host.example/page?id=5") == (
+        "see https://host.example/page?id=5"
+    )
 
 
 def test_another_process_opens_it_too() -> None:

@@ -148,7 +148,7 @@ def _examined(file: McapFile, path: Path, progress: Progress) -> Health:
     faults = any(a.fault for a in attachments)
     return Health(
         recording=Path(file.name).name,
-        bytes=path.stat().st_size,
+        bytes=file.size,
         sound=not (file.damage or faults or undecodable or signals),
         indexed=file.indexed,
         messages=counts.total(),

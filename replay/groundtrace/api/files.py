@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Protocol
 
-from groundtrace_codecs.location import is_url
+from groundtrace_codecs.location import as_url, is_url
 from groundtrace_codecs.mcap.chunks import MAGIC
 
 from ..errors import RecordingError
@@ -202,8 +202,10 @@ def in_folder(path: Path) -> Path:
     Raises
     ------
     RecordingError
-        Where something else has the name of a folder.
+        Where something else has the name of a folder, or it is a URL.
     """
+    if is_url(path):
+        raise RecordingError(f"{as_url(path)}: expected a path to write to, found a URL")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

@@ -246,10 +246,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     raise_malloc_trim()
     _say_what_the_console_can()
     try:
-        if arguments is None:
-            arguments = sys.argv[1:] = _public(sys.argv[1:])
-        else:
-            arguments = _public(arguments)
         code = _run(arguments)
         for stream in (sys.stdout, sys.stderr):
             if stream is not None:  # None where the caller has closed it
@@ -286,15 +282,9 @@ def _public(arguments: Sequence[str]) -> list[str]:
     """Return arguments without what is secret in URLs; what opens these is kept to open them."""
     if not any("://" in argument for argument in arguments):
         return list(arguments)
-    from groundtrace_codecs.location import Location, is_url
+    from groundtrace_codecs.location import public_argument
 
-    found = []
-    for argument in arguments:
-        option, equals, value = (
-            argument.partition("=") if argument[:1] == "-" else ("", "", argument)
-        )
-        found.append(f"{option}{equals}{Location(value)}" if is_url(value) else argument)
-    return found
+    return [public_argument(argument) for argument in arguments]
 
 
 def piped(arguments: Sequence[str]) -> list[str]:
@@ -302,10 +292,13 @@ def piped(arguments: Sequence[str]) -> list[str]:
     return ["/dev/stdin" if argument == "-" else argument for argument in arguments]
 
 
-def _run(arguments: Sequence[str]) -> int:
+def _run(arguments: Sequence[str] | None) -> int:
     """Run the command line; say known errors in one line each, and return the exit code."""
     try:
-        code = application()(piped(arguments), exit_on_error=False, result_action="return_value")
+        public = _public(sys.argv[1:] if arguments is None else arguments)
+        if arguments is None:
+            sys.argv[1:] = public
+        code = application()(piped(public), exit_on_error=False, result_action="return_value")
     except CycloptsError:
         return ExitCode.USAGE
     except KeyboardInterrupt:
