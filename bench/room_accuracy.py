@@ -38,7 +38,7 @@ from groundtrace_recordings import path_of
 
 #: Smoothed track, median [m]; SO-TDOA, rms [m].
 TRACK_M, SO_TDOA_M = 0.25, 0.8
-LOCALIZERS = ("so-tdoa", "hyperbolic", "power-law", "self-calibrating")
+LOCALIZERS = ("so-tdoa", "hyperbolic", "power-law", "self-calibrating", "place")
 SNR = 40.0
 
 

@@ -24,8 +24,9 @@ LOCALIZERS = {
     "hyperbolic": (4, "#009e73", "^"),
     "power-law": (5, "#d55e00", "D"),
     "self-calibrating": (6, "#cc79a7", "v"),
+    "place": (7, "#56b4e9", "o"),
 }
-TRACK = 7
+TRACK = 8
 
 
 def rows_of(page: str, wanted: str) -> list[list[str]]:
@@ -43,11 +44,11 @@ def rooms() -> None:
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
     for number, (name, (column, colour, marker)) in enumerate(LOCALIZERS.items()):
         errors = [[float(v) for v in row[column].split("/")[:2]] for row in rows]
-        at = [k + (number - 2) * 0.16 for k in range(len(rows))]
+        at = [k + (number - 2.5) * 0.14 for k in range(len(rows))]
         low, high = zip(*errors, strict=True)
         axes.vlines(at, low, high, color=colour, linewidth=1.2, alpha=0.6)
         axes.plot(at, low, marker, color=colour, markersize=4, label=name)
-    at = [k + 0.32 for k in range(len(rows))]
+    at = [k + 0.35 for k in range(len(rows))]
     axes.plot(at, [float(row[TRACK]) for row in rows], "o", color="black", label="track, smoothed")
     axes.set(yscale="log", ylim=(0.04, 4))
     axes.yaxis.set_major_formatter(ScalarFormatter())
@@ -56,7 +57,7 @@ def rooms() -> None:
     axes.set_xticks(range(len(rows)), [row[2] for row in rows])
     axes.set(xlabel="sensors in the room", ylabel="error [m]: median, line to 95 %")
     axes.grid(axis="y", alpha=0.3)
-    axes.legend(ncols=5, fontsize=7.5, loc="upper right")
+    axes.legend(ncols=6, fontsize=7.5, loc="upper right")
     figure.savefig(DOCS / "images" / "rooms.png", dpi=130)
 
 

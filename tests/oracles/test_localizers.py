@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from groundtrace.localizers import amplitudes
 from groundtrace.localizers.gcc_phat import (
     MISFIT_S,
     ONSET,
@@ -49,6 +50,40 @@ def test_losses_of_a_lattice_are_those_of_reweighted_lines(seed, sensors, nodes,
     expected = (inner * (2 * np.abs(left) - inner)).mean(axis=-2)
     found = losses(u, times, Model(1.0, slope, threshold))
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-18)
+
+
+def plain_student(left, variance, bound):
+    """Log likelihood about the best level by Student's law; what is a bound that holds is mute."""
+    level = left.mean(axis=-2, keepdims=True)
+    for _ in range(amplitudes.PASSES):
+        off = left - level
+        weight = 1 / (amplitudes.FREEDOM * variance + off * off)
+        weight = np.where(bound & (off < 0), 0.0, weight)
+        whole = np.maximum(weight.sum(axis=-2, keepdims=True), 1e-12)
+        level = level + (weight * off).sum(axis=-2, keepdims=True) / whole
+    off = np.where(bound & (left < level), 0.0, left - level)
+    tails = np.log(1 + off * off / (amplitudes.FREEDOM * variance)).sum(axis=-2)
+    scale = np.log(variance).sum(axis=-2) + np.log(whole[..., 0, :])
+    return -((amplitudes.FREEDOM + 1) * tails + scale) / 2
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(3, 16), st.integers(1, 150), st.booleans())
+def test_likelihoods_of_floors_are_those_of_students_law(seed, sensors, nodes, clips):
+    rng = np.random.default_rng(seed)
+    times, distance = rng.uniform(0, 0.02, sensors), rng.uniform(0.15, 12, (sensors, nodes))
+    pace, constant, part = amplitudes.BY_TIME[:9].T[..., None, None]
+    travel = pace * distance
+    none = np.zeros((sensors, 1), bool)
+    expected = plain_student(times[:, None] - travel, constant**2 + (part * travel) ** 2, none)
+    found = amplitudes.time_logs(times, distance, amplitudes.BY_TIME[:9])
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    heights, clipped = rng.normal(0, 2, sensors), rng.random(sensors) < 0.4 * clips
+    decay, spread = amplitudes.BY_HEIGHT[:9].T[..., None, None]
+    left = heights[:, None] + decay * np.log(distance)
+    expected = plain_student(left, np.broadcast_to(spread**2, left.shape), clipped[:, None])
+    found = amplitudes.height_logs(heights, clipped, np.log(distance), amplitudes.BY_HEIGHT[:9])
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 @settings(max_examples=10, deadline=None)

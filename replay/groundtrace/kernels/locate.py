@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
     Index = NDArray[np.intp]
     Spectra = NDArray[np.complex128]
 
@@ -108,6 +109,75 @@ def robust_losses(
                 _summed(part, times_s[row], line, threshold_s, index > 0, sums)
                 _fitted(sums, slope, line)
             _lost(part, times_s[row], line, threshold_s, loss)
+
+
+@inlined
+def _levelled(left: Array, spread: Array, bound: Flags, level: Array, whole: Array) -> None:
+    """Move the level of each node of a block once, by the weights of Student's law about it."""
+    moved = np.zeros_like(level)
+    whole[:] = 0.0
+    for i in range(len(left)):
+        for j in range(len(level)):
+            off = left[i, j] - level[j]
+            silent = bound[i] & (off < 0.0)
+            weight = (0.0 if silent else 1.0) / (spread[i, j] + off * off)
+            whole[j] += weight
+            moved[j] += weight * off
+    for j in range(len(level)):
+        whole[j] = max(whole[j], 1e-12)
+        level[j] += moved[j] / whole[j]
+
+
+@compiled("void(f8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8, i8, f8[:, ::1])")
+def student_logs(
+    values: Array, bound: Flags, laws: Array, field: Array, freedom: float, passes: int, logs: Array
+) -> None:
+    """Put the log likelihood of values = level + slope field, by Student's law, in ``logs``.
+
+    The level is the best one, which reweighting finds.
+
+    Parameters
+    ----------
+    values, bound
+        Shape (n,), and which of them are lower bounds: these tell nothing where they hold.
+    laws
+        Shape (h, 3): slope, constant error, and the part of slope times field that values err by
+        besides.
+    field
+        Shape (n, q).
+    freedom, passes
+        Degrees of freedom, and how often the level is moved: once or more.
+    logs
+        Shape (h, q), overwritten.
+    """
+    whole_left, whole_spread = np.empty((len(values), BLOCK)), np.empty((len(values), BLOCK))
+    whole_level, whole_weight = np.empty(BLOCK), np.empty(BLOCK)
+    for law in range(len(laws)):
+        slope, constant, part = laws[law]
+        for start in range(0, field.shape[1], BLOCK):
+            count = min(BLOCK, field.shape[1] - start)
+            left, spread = whole_left[:, :count], whole_spread[:, :count]
+            level, weight = whole_level[:count], whole_weight[:count]
+            level[:] = 0.0
+            for i in range(len(values)):
+                for j in range(count):
+                    taken = slope * field[i, start + j]
+                    left[i, j] = values[i] - taken
+                    spread[i, j] = freedom * (constant * constant + (part * taken) ** 2)
+                    level[j] += left[i, j]
+            level /= len(values)
+            for _ in range(passes):
+                _levelled(left, spread, bound, level, weight)
+            for j in range(count):
+                tails, scale = 1.0, 1.0
+                for i in range(len(values)):
+                    off = left[i, j] - level[j]
+                    if bound[i] and off < 0.0:
+                        off = 0.0
+                    tails *= 1.0 + off * off / spread[i, j]
+                    scale *= spread[i, j] / freedom
+                told = (freedom + 1.0) * np.log(tails) + np.log(scale * weight[j])
+                logs[law, start + j] = -told / 2.0
 
 
 @compiled("void(c16[:, ::1], f8[:, :, ::1], i8[::1], f8[:, ::1])")

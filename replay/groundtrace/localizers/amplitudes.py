@@ -26,6 +26,7 @@ import numpy as np
 from groundtrace_codecs.events import Fix
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
+from .. import kernels
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
@@ -143,10 +144,7 @@ def time_logs(times_s: Array, u: Array, floors: Array) -> Array:
         Shape (h, 3): pace and constant error of each [s], and the part of their time on the way
         that arrivals err by.
     """
-    pace, constant, part = floors.T[..., None, None]
-    travel = pace * u
-    variance = constant**2 + (part * travel) ** 2
-    return _student(times_s[:, None] - travel, variance, np.zeros(len(times_s), np.bool_))
+    return _student(times_s, np.zeros(len(times_s), np.bool_), floors, u)
 
 
 def height_logs(heights: Array, clipped: Flags, log_d: Array, floors: Array) -> Array:
@@ -163,32 +161,16 @@ def height_logs(heights: Array, clipped: Flags, log_d: Array, floors: Array) -> 
     floors
         Shape (h, 2): decay and error of each.
     """
-    left = heights[:, None] + floors[:, 0, None, None] * log_d
-    return _student(left, np.broadcast_to(floors[:, 1, None, None] ** 2, left.shape), clipped)
+    falling = np.column_stack([-floors[:, 0], floors[:, 1], np.zeros(len(floors))])
+    return _student(heights, clipped, falling, log_d)
 
 
-def _student(left: Array, variance: Array, clipped: Flags) -> Array:
-    """Return log likelihoods about the best common level by Student's law, shape (h, q).
-
-    Of what is left and its variance, shape (h, n, q) over the sensors n. The level is free; what is
-    clipped and below it, where it is a bound that holds, tells nothing.
-    """
-    bound, spread = clipped[:, None], FREEDOM * variance
-    level = left.mean(axis=-2, keepdims=True)
-    for _ in range(PASSES):
-        off = left - level
-        weight = 1 / (spread + off * off)
-        if clipped.any():
-            weight = np.where(bound & (off < 0), 0.0, weight)
-        whole = np.maximum(weight.sum(axis=-2, keepdims=True), 1e-12)
-        level = level + (weight * off).sum(axis=-2, keepdims=True) / whole
-    off = left - level
-    if clipped.any():
-        off = np.where(bound & (off < 0), 0.0, off)
-    tails = np.log((1 + off * off / spread).prod(axis=-2))
-    scale = np.log(variance.prod(axis=-2) * whole[..., 0, :])
-    found: Array = -((FREEDOM + 1) * tails + scale) / 2
-    return found
+def _student(values: Array, bound: Flags, laws: Array, field: Array) -> Array:
+    """Return log likelihoods about the best common level by Student's law, shape (h, q)."""
+    logs = np.empty((len(laws), field.shape[1]))
+    given = (np.ascontiguousarray(array) for array in (values, bound, laws, field))
+    kernels.locate.student_logs(*given, FREEDOM, PASSES, logs)
+    return logs
 
 
 @dataclass(slots=True, eq=False)

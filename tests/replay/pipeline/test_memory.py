@@ -44,6 +44,7 @@ BEFORE = {
     "bearings": ("toa-cv", "coincidence"),
     "crossing": ("toa-cv", "coincidence", "bearings"),
     "disagreement": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
+    "covariance-intersection": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
 }
 #: Stages that depend on all before, and say how much after a time: by what must be before each.
 ALL_BEFORE = {

@@ -53,6 +53,9 @@ WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 ON_MAP = frozenset({"latitude", "longitude"})
 #: Parts of the window's height that the lanes' heading and each lane need.
 LANE_HEADING, LANE = 0.08, 0.03
+#: Of the height beside the time panel, a view that can be read: 100 of 690 pixels in a window of
+#: 1280 x 720.
+LEAST_ROW = 0.145
 MOST_LANES, MOST_ON_ROAD = 8, 6
 #: Share of texts below a map, and width of that column as a part of the window's height.
 TEXTS, LEFT_WIDTH = 2.0, 0.8
@@ -254,7 +257,25 @@ def _of(entities: Iterable[Entity], role: str) -> list[Entity]:
 def _rows(parts: Sequence[Part]) -> rrb.Vertical:
     import rerun.blueprint as rrb
 
-    return rrb.Vertical(*[view for view, _ in parts], row_shares=[share for _, share in parts])
+    shares = legible_shares([share for _, share in parts])
+    return rrb.Vertical(*[view for view, _ in parts], row_shares=shares)
+
+
+def legible_shares(shares: Sequence[float]) -> list[float]:
+    """Return shares of a height of which none is less than can be read; they add up to 1.
+
+    What the small ones lack, the others give up in proportion.
+    """
+    least = min(LEAST_ROW, 1 / len(shares))
+    raised: set[int] = set()
+    while True:
+        rest = sum(share for row, share in enumerate(shares) if row not in raised)
+        left = 1.0 - least * len(raised)
+        found = [least if row in raised else left * s / rest for row, s in enumerate(shares)]
+        small = {row for row, share in enumerate(found) if share < least - 1e-12}
+        if not small:
+            return found
+        raised |= small
 
 
 def _tabbed(shown: Sequence[rrb.View]) -> list[rrb.View | rrb.Container]:

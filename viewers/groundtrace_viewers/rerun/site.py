@@ -20,6 +20,7 @@ from .timeline import (
     RIGHT,
     ROAD,
     ROAD_SIGN,
+    ROOM_MARGIN,
     SIDE,
     SILENT,
     WALKED,
@@ -123,19 +124,22 @@ def bounds(session: ReplaySession) -> Bounds | None:
 
     A walker has a map of its own.
     """
-    return framed(places(session)) if session.application != "walker" else None
+    if session.application == "walker":
+        return None
+    return framed(places(session), ROOM_MARGIN if session.application == "room" else MARGIN)
 
 
-def framed(known: NDArray[np.float64]) -> Bounds | None:
+def framed(known: NDArray[np.float64], margin: float = MARGIN) -> Bounds | None:
     """Return what a map of places, shape (n, 2) [m], must show; None for fewer than two."""
     if len(np.unique(known, axis=0)) < 2:
         return None
     low, high = known.min(axis=0), known.max(axis=0)
     extent = float(np.max(high - low))
-    side, margin = SIDE * extent, MARGIN * extent
+    side, above = SIDE * extent, margin * extent
     return Bounds(
         (float(low[0]) - side, float(high[0]) + side),
-        (float(low[1]) - margin, float(high[1]) + margin),
+        (float(low[1]) - above, float(high[1]) + above),
+        margin,
     )
 
 

@@ -96,21 +96,34 @@ class Entity:
 #: Component of samples at full rate, in single precision: it holds 24 bits of a converter, and the
 #: viewer's scalars, which are double, take three times as long to compress. A view must name it.
 SINGLES = "samples"
-#: Around a site, as parts of its extent: at the sides, and above and below.
-SIDE, MARGIN = 0.1, 0.17
+#: Around a site, as parts of its extent: at the sides, and above and below; of a room, whose key of
+#: localizers has two rows.
+SIDE, MARGIN, ROOM_MARGIN = 0.1, 0.17, 0.24
 #: The key of a site goes this much beyond its sides.
 WIDER = 1.4
+#: So many names have room beside each other; where there are more, every other one stands lower by
+#: this part of the margin.
+ROW, LOWER = 4, 0.42
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What of the site to show [m], y upwards; above and below is room for the map's key."""
+    """What of the site to show [m], y upwards; above and below is room for the map's key.
+
+    Attributes
+    ----------
+    x, y
+        From where to where.
+    margin
+        What is above and below the site, as a part of its extent.
+    """
 
     x: tuple[float, float]
     y: tuple[float, float]
+    margin: float = MARGIN
 
     def key(self, count: int, height: float) -> NDArray[np.float64]:
-        """Return places in a row beside the site, shape (count, 2) [m].
+        """Return places in a row beside the site, shape (count, 2) [m]; of many, in two rows.
 
         Parameters
         ----------
@@ -120,14 +133,16 @@ class Bounds:
             How far up the margin above the site; below it where negative.
         """
         (left, right), (low, high) = self.x, self.y
-        extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * MARGIN))
-        margin = MARGIN * extent
+        extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * self.margin))
+        margin = self.margin * extent
         # a view is wider than a site that is not: there is room for names beside it
         spread = WIDER if right - left < WIDER * (high - low) else 1.0
         part = (np.arange(count) + 0.5) / count - 0.5
         across = (left + right) / 2 + spread * (right - left) * part
-        up = (high if height > 0 else low) + (height - np.sign(height)) * margin
-        return np.stack([across, np.full(count, up)], axis=1)
+        up = np.full(count, (high if height > 0 else low) + (height - np.sign(height)) * margin)
+        if count > ROW:
+            up[1::2] -= LOWER * margin
+        return np.stack([across, up], axis=1)
 
 
 class Timeline:
@@ -364,7 +379,7 @@ TRUTH = 0xB7A6FFFF
 TRACE = 0xB4BCC6FF
 NORM = 0xF2F2F2FF
 #: Of places found, by the order of their stages: none is that of a verdict, a foot or the truth.
-FIX_COLOURS = (0xFFC9A3FF, 0x2FE6D6FF, 0xFFFFFFFF, 0xC7A35CFF)
+FIX_COLOURS = (0xFFC9A3FF, 0x2FE6D6FF, 0xFFFFFFFF, 0xC7A35CFF, 0x5C7CFAFF, 0xF7A8C4FF)
 #: Of courses, the last word first; of vehicles, by number; of estimators of a ratio.
 COURSE_COLOURS = (0xB6F23CFF, 0xFF7A6BFF, 0x3DDCA0FF, 0xFFE45CFF)
 VEHICLE_COLOURS = (0xB6F23CFF, 0x35C9F0FF, 0xFFE45CFF, 0xFF7A6BFF)

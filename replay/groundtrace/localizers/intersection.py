@@ -1,0 +1,117 @@
+"""One place of what several localizers found of a step, by covariance intersection.
+
+Localizers that measure different things err in different places: delays of waveforms where a wave
+law fails, onsets and heights where a floor echoes. But they share sensors and a room, so that their
+errors are alike by an amount that nobody knows, and to add up what they tell would claim too much.
+Covariance intersection claims no more than each does, whatever the errors have in common (S. J.
+Julier and J. K. Uhlmann, American Control Conference, 1997): with the information of each, the
+inverse of its covariance P_i, and n of them
+
+    P^-1 = 1/n sum_i P_i^-1,    x = P 1/n sum_i P_i^-1 x_i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from groundtrace_codecs.events import Fix, StepEvent
+
+from ..pipeline.gates import Level
+from ..pipeline.parameters import gate
+from ..pipeline.stage import Input, LocationEstimate, Memory, Stage, no_location
+from .base import columns, place_candidate
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from groundtrace_codecs.events import CandidateBlock, Event
+
+    from ..pipeline.stage import Context, Output
+
+
+@dataclass(frozen=True, slots=True)
+class IntersectionParameters:
+    """Parameters of :class:`CovarianceIntersection`."""
+
+    min_picks: Annotated[int, gate("1", "Least number of arrivals, one a channel.", ge=3)] = 3
+
+
+class CovarianceIntersection(Stage):
+    """The place of a step by all localizers that found one, each as much as it claims to know.
+
+    A fix whose localizer doubts its own waves does not count. Where a single one is left the place
+    is that. Its residual is how far the two that differ most are apart, in deviations.
+    """
+
+    Parameters = IntersectionParameters
+    takes = (Input(Fix, every=True), Input(StepEvent))
+    gives = (Fix,)
+    scope = "recording"
+    ends_at = "clock step"
+    site_lengths = True
+    columns = columns("1")
+    gates = (Level("picks", "1", "min_picks"),)
+
+    def __init__(self, parameters: IntersectionParameters) -> None:
+        self.parameters = parameters
+
+    @property
+    def memory(self) -> Memory:
+        """The fixes of one step, which have one time."""
+        return Memory(0.0, 0.0)
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin without fixes."""
+        self._context = context
+        self._fixes: list[Fix] = []
+        return ("all",)
+
+    def process(self, item: Fix | StepEvent) -> Iterable[Output]:
+        """Gather the fixes of a step, which come before it does."""
+        if isinstance(item, Fix):
+            self._fixes.append(item)
+            return ()
+        fixes = [f for f in self._fixes if f.time_ns == item.time_ns and not f.doubted]
+        self._fixes.clear()
+        self._found = item.time_ns, intersected(fixes)
+        return (place_candidate(*self._found),)
+
+    def decided(self, block: CandidateBlock) -> Iterator[Event]:
+        """Yield the place just found where it counts."""
+        if block.accepted[0]:
+            time_ns, place = self._found
+            yield place.fix(time_ns, self._context.plugin, self._context.stage)
+
+
+def intersected(fixes: Sequence[Fix]) -> LocationEstimate:
+    """Return the place that fixes of one moment tell together.
+
+    Parameters
+    ----------
+    fixes
+        Those whose covariance is finite and not singular count.
+    """
+    known = []
+    for fix in fixes:
+        xx, xy, yy = fix.covariance
+        if xx > 0 and xx * yy - xy * xy > 0:
+            known.append((np.array([fix.x_m, fix.y_m]), np.array([[xx, xy], [xy, yy]])))
+    if not known:
+        return no_location(0)
+    information = [np.linalg.inv(spread) / len(known) for _, spread in known]
+    covariance = np.linalg.inv(np.sum(information, axis=0))
+    place = covariance @ np.sum(
+        [told @ there for told, (there, _) in zip(information, known, strict=True)], axis=0
+    )
+    apart = 0.0
+    for index, (one, spread) in enumerate(known):
+        for other, wide in known[:index]:
+            off = one - other
+            apart = max(apart, float(off @ np.linalg.solve(spread + wide, off)))
+    picks = max(fix.picks for fix in fixes)
+    return LocationEstimate(
+        float(place[0]), float(place[1]), covariance, float(np.sqrt(apart)), picks
+    )
