@@ -50,7 +50,7 @@ def rooms() -> None:
         axes.plot(at, low, marker, color=colour, markersize=4, label=name)
     at = [k + 0.35 for k in range(len(rows))]
     axes.plot(at, [float(row[TRACK]) for row in rows], "o", color="black", label="track, smoothed")
-    axes.set(yscale="log", ylim=(0.04, 4))
+    axes.set(yscale="log", ylim=(0.025, 4))
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_yticks([0.05, 0.1, 0.25, 0.5, 1, 2])

@@ -168,8 +168,9 @@ def height_logs(heights: Array, clipped: Flags, log_d: Array, floors: Array) -> 
 def _student(values: Array, bound: Flags, laws: Array, field: Array) -> Array:
     """Return log likelihoods about the best common level by Student's law, shape (h, q)."""
     logs = np.empty((len(laws), field.shape[1]))
-    given = (np.ascontiguousarray(array) for array in (values, bound, laws, field))
-    kernels.locate.student_logs(*given, FREEDOM, PASSES, logs)
+    kernels.locate.student_logs(
+        values, bound, np.ascontiguousarray(laws), field, FREEDOM, PASSES, logs
+    )
     return logs
 
 
