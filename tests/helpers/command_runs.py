@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -48,12 +50,24 @@ class Ran(NamedTuple):
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ran:
     """Run a command and return what it left behind."""
     capsys.readouterr()
-    code = 0
+    code = _ended(arguments)
+    return Ran(code, *capsys.readouterr())
+
+
+def printed(*arguments: object) -> tuple[int, str]:
+    """Run a command; return its exit code, and what it printed on both streams in their order."""
+    both = io.StringIO()
+    with redirect_stdout(both), redirect_stderr(both):
+        code = _ended(arguments)
+    return code, both.getvalue()
+
+
+def _ended(arguments: Iterable[object]) -> int:
     try:
         main([str(argument) for argument in arguments])
     except SystemExit as end:
-        code = int(end.code or 0)
-    return Ran(code, *capsys.readouterr())
+        return int(end.code or 0)
+    return 0
 
 
 def done(capsys: pytest.CaptureFixture[str], *arguments: object, losses: bool = False) -> Ran:
