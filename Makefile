@@ -4,34 +4,39 @@ VENV := .venv
 BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
-# what types are checked for
+# into the environment of a Python: by uv, where it can be had, in a tenth of the time
+install = $(BIN)/uv pip install --quiet --python $(1) $(2) || \
+  { $(1) -m pip install --quiet --upgrade pip && $(1) -m pip install --quiet $(2); }
+# the systems that types are checked for
 SYSTEMS := linux win32 darwin
 
-.PHONY: demo dev fmt check style $(SYSTEMS:%=types-%) compile test golden build wheel bench fuzz big accept excerpts proto docs pictures clean
+.PHONY: demo dev fmt check style $(SYSTEMS:%=types-%) systems compile test sweeps golden build wheel bench fuzz big accept excerpts proto docs pictures clean
 
 demo: $(VENV)/installed ## set up, then replay and score the bundled walk, and show it
 	$(BIN)/groundtrace demo
 
 $(VENV)/pip:
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --upgrade pip
+	-$(BIN)/pip install --quiet --only-binary :all: uv
 	touch $@
 
 $(VENV)/installed: $(VENV)/pip pyproject.toml
-	$(BIN)/pip install --quiet --editable .
+	$(call install,$(BIN)/python,--editable .)
 	touch $@
 
 dev: $(VENV)/dev ## all that tests and checks need
 
 $(VENV)/dev: $(VENV)/pip pyproject.toml
-	$(BIN)/pip install --quiet --editable ".[seismic]" --group dev
+	$(call install,$(BIN)/python,--editable ".[seismic]" --group dev)
 	touch $@ $(VENV)/installed
 
 fmt: dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-check: style $(SYSTEMS:%=types-%) audit
+check: style types-linux audit
+
+systems: types-win32 types-darwin ## types as other systems have them: a minute or two each
 
 style: dev
 	$(BIN)/ruff format --check .
@@ -57,6 +62,10 @@ test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q tests/oracles # as plain Python
 
+sweeps: dev ## the cases of tests beside those of every day, and all examples that are drawn
+	GROUNDTRACE_SWEEPS=1 OMP_NUM_THREADS=1 \
+	  $(BIN)/python -m pytest -n auto --dist worksteal -m "sweep or hypothesis"
+
 # versions to try, and the tests that depend on the version most: files, commands, all pipelines
 PYTHONS := 3.11 3.12 3.13
 QUICK := tests/codecs tests/cli/test_command_line.py tests/cli/test_import.py tests/cli/test_json.py \
@@ -77,12 +86,17 @@ golden: dev ## the golden events anew, after a change that is meant to change re
 build: dev
 	$(BIN)/python -m build --no-isolation --wheel --outdir dist . # what builds it is in dev
 
-wheel: build ## the wheel works alone: in a fresh environment, away from the source
+# every file of the packages, with the folder that it lies in
+files = cd $(1) && find $(2) -type f ! -path '*/__pycache__/*' | sort
+wheel: build ## the wheel has all files, and works alone: in a fresh environment, away from the source
 	rm -rf build/wheel && mkdir -p build/wheel
 	$(PYTHON) -m venv build/wheel/venv
-	build/wheel/venv/bin/pip install --quiet dist/groundtrace-*.whl
-	cd build/wheel && venv/bin/groundtrace demo && venv/bin/groundtrace replay --no-viewer && \
-	  venv/bin/groundtrace score room-walk.results.mcap
+	$(call install,build/wheel/venv/bin/python,dist/groundtrace-*.whl)
+	for folder in */groundtrace*/; do ( $(call files,$${folder%%/*},$$(basename $$folder)) ); done \
+	  > build/wheel/source
+	for package in $$(cut -d/ -f1 build/wheel/source | uniq); do \
+	  ( $(call files,build/wheel/venv/lib/python*/site-packages,$$package) ); done | diff build/wheel/source -
+	cd build/wheel && venv/bin/groundtrace demo
 
 bench: dev
 	$(BIN)/python bench/replay_speed.py
@@ -105,14 +119,14 @@ bench: dev
 	$(BIN)/python bench/timeline_size.py
 
 fuzz: dev ## 100 000 mutated inputs for every parser; findings are kept in build/fuzz
-	$(BIN)/pip install --quiet atheris
+	$(call install,$(BIN)/python,atheris)
 	nice $(BIN)/python bench/fuzz.py --inputs 100000 --out build/fuzz
 
 big: dev ## memory and time of every command on an hour of recording, and of importing 2 GB
 	$(BIN)/python bench/big_memory.py
 	$(BIN)/python bench/import_memory.py
 
-accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
+accept: dev systems sweeps ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py
 	$(BIN)/python bench/room_accuracy.py
 	$(BIN)/python bench/placement_guess.py
@@ -130,7 +144,7 @@ proto: dev ## the committed descriptors, from the .proto
 	  --include_imports --descriptor_set_out=groundtrace.desc groundtrace.proto
 
 docs: dev ## the site of the documentation, in build/site; a warning is an error
-	$(BIN)/pip install --quiet --group docs
+	$(call install,$(BIN)/python,--group docs)
 	rm -rf build/site build/site-src && mkdir -p build && cp -r docs build/site-src
 	$(BIN)/sphinx-build -q -W -n --keep-going -b html build/site-src build/site
 

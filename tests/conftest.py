@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+from sweeps import examples
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from shared_viewer import SharedViewer
 
-# the first call of a compiled function takes seconds in a fresh clone
-settings.register_profile("groundtrace", deadline=None)
+# the first call of a compiled function takes seconds in a fresh clone; of 100, as is usual
+settings.register_profile("groundtrace", deadline=None, max_examples=examples(100))
 settings.load_profile("groundtrace")
 
 CHECKOUT = Path(__file__).resolve().parents[1]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from command_runs import done, run
+from sweeps import swept
 
 from groundtrace.cli.main import main
 from groundtrace_recordings import path_of
@@ -111,7 +112,26 @@ def no_more_than(size: int) -> Iterator[None]:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("out", OUTPUTS)
+#: Outputs that are tried every day: of each way in which one is written, one.
+EVERYDAY = (
+    "page.html",
+    "shared.zip",
+    "replay.rrd",
+    "replay.mcap",
+    "best.toml",
+    "steps.csv",
+    "steps.parquet",
+    "bag",
+    "signals.mseed",
+    "fleet.parquet",
+    "table.mcap",
+    "cut.mcap",
+    "mended.mcap",
+    "room.png",
+)
+
+
+@pytest.mark.parametrize("out", swept(OUTPUTS, *EVERYDAY))
 @pytest.mark.usefixtures("_in_place")
 def test_a_full_disk_is_one_line_and_what_was_there_stays(out: str, capsys: Capture) -> None:
     Path(out).write_text("mine", "utf-8")
@@ -134,7 +154,7 @@ def test_a_full_disk_is_one_line_and_what_was_there_stays(out: str, capsys: Capt
     )
 
 
-@pytest.mark.parametrize("out", [o for o in OUTPUTS if o != "bag"])
+@pytest.mark.parametrize("out", swept((o for o in OUTPUTS if o != "bag"), *EVERYDAY[:6]))
 @pytest.mark.usefixtures("_in_place")
 def test_no_output_takes_the_place_of_a_device(out: str, capsys: Capture) -> None:
     os.mkfifo(out)

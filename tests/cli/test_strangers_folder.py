@@ -19,6 +19,7 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
+from sweeps import swept
 
 from groundtrace.cli.main import main
 from groundtrace.runtime import leave_working_folder
@@ -158,25 +159,28 @@ def nothing_told(folder: Path) -> None:
     assert found == ""
 
 
+COMMANDS = {
+    "fleet": (*FLEET, "-o", "local.parquet"),
+    "fleet-dask": (*FLEET, "--engine", "dask", "-o", "dask.parquet"),
+    "fleet-ray": (*FLEET, "--engine", "ray", "-o", "ray.parquet"),
+    "sweep": (*SWEEP, "--grid", "steps.score=0.1:0.6:3", "--figure", "sweep.svg"),
+    "share": ("share", "walk.results.mcap", "-o", "shared"),
+    "share-light": ("share", "walk.results.mcap", "--rrd", "walk.rrd", "--light", "-o", "light"),
+    "analyze": ("analyze", "room", "room.toml", "--lattice", "3", "--draws", "2", "--png", "a.png"),
+    "export": ("export", "walk.mcap", "--format", "miniseed", "-o", "walk.mseed"),
+    "doctor": ("doctor",),
+    "plugins": ("plugins",),
+}
+
+
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        (*FLEET, "-o", "local.parquet"),
-        (*FLEET, "--engine", "dask", "-o", "dask.parquet"),
-        (*FLEET, "--engine", "ray", "-o", "ray.parquet"),
-        (*SWEEP, "--grid", "steps.score=0.1:0.6:3", "--figure", "sweep.svg"),
-        ("share", "walk.results.mcap", "-o", "shared"),
-        ("share", "walk.results.mcap", "--rrd", "walk.rrd", "--light", "-o", "light"),
-        ("analyze", "room", "room.toml", "--lattice", "3", "--draws", "2", "--png", "room.png"),
-        ("export", "walk.mcap", "--format", "miniseed", "-o", "walk.mseed"),
-        ("doctor",),
-        ("plugins",),
-    ],
-    ids=lambda arguments: f"{arguments[0]}-{Path(arguments[-1]).stem}",
+    "name",
+    swept(COMMANDS, "fleet", "fleet-dask", "fleet-ray", "share-light", "export", "doctor"),
 )
 def test_no_process_of_a_command_runs_or_reads_what_a_stranger_left_or_calls_elsewhere(
-    arguments: tuple[str, ...], folder: Path
+    name: str, folder: Path
 ) -> None:
+    arguments = COMMANDS[name]
     for engine, package in (("dask", "distributed"), ("ray", "ray")):
         if engine in arguments and find_spec(package) is None:
             pytest.skip(f"{package} is not installed")

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 from truth_tables import write_truth_csv
 
 from groundtrace_codecs.errors import SchemaError
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 START_NS = 1_700_000_000_123_456_789
 SPANS = ("count", "walking", "ignore", "idle")
 POINTS = sorted(TRUTH_KINDS - {*SPANS, "waypoint", "pick", "heading"})
-FAST = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FAST = settings(
+    max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 
 
 def table(folder: Path, text: str | bytes) -> Path:

@@ -11,6 +11,7 @@ import pytest
 import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace_codecs.errors import CodecError, FormatError, MissingReaderError, SchemaError
 from groundtrace_codecs.importers.audio import AudioImporter
@@ -206,7 +207,7 @@ def test_a_start_beyond_all_clocks_is_refused(tmp_path: Path, date: bytes, count
         read(path)
 
 
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(80), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     head=st.sampled_from([b"", b"fLaC", b"RIFF\x40\0\0\0WAVEfmt ", b"RF64\xff\xff\xff\xffWAVE"]),
     body=st.binary(max_size=200),
@@ -219,7 +220,7 @@ def test_any_bytes_give_the_importers_own_error(tmp_path: Path, head: bytes, bod
         read(path)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.integers(0, 400), value=st.integers(0, 255))
 def test_a_changed_byte_gives_samples_or_the_importers_own_error(
     tmp_path: Path, place: int, value: int

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace_codecs.errors import CodecError, FormatError
 from groundtrace_codecs.importers.guess import Guess, guess_map
@@ -175,7 +176,7 @@ def test_the_command_writes_the_map_beside_the_table_and_imports_nothing(
 _TEXT = st.text('0123456789.,;\t\n -+eEabxyz"#_', max_size=150).map(str.encode)
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(200), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from([b"", b"t,ax,ay,az\n0,1,2,3\n1,2,3,4\n2,3,4,5\n"]),
     st.binary(max_size=80) | _TEXT,

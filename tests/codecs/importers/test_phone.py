@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace_codecs.errors import CodecError, FormatError, SchemaError
 from groundtrace_codecs.importers.phone import PhoneImporter
@@ -237,7 +238,7 @@ def test_an_archive_with_a_name_that_is_no_text_is_refused_in_one_line(tmp_path:
         read(path)
 
 
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(80), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.integers(0, 1500), value=st.integers(0, 255))
 def test_a_changed_byte_of_an_archive_gives_samples_or_the_importers_own_error(
     tmp_path: Path, place: int, value: int
@@ -252,7 +253,7 @@ def test_a_changed_byte_of_an_archive_gives_samples_or_the_importers_own_error(
         assert "\n" not in str(error)  # noqa: PT017 (either outcome is right)
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(100), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     head=st.sampled_from(
         [b"", b"time,seconds_elapsed,z,y,x\n", b'"Time (s)","Gyroscope x (rad/s)"\n', b"PK\3\4"]

@@ -13,6 +13,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sweeps import examples
 
 from groundtrace_codecs.errors import CodecError, FormatError, MissingReaderError, SchemaError
 from groundtrace_codecs.importers.ros import RosImporter
@@ -240,7 +241,7 @@ def test_a_map_has_no_place_with_a_bag(tmp_path: Path) -> None:
         RosImporter().read([bag1(tmp_path, Maker(ROS1).walk(3))], map_)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     head=st.sampled_from([b"", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x89MCAP0\r\n"]),
     body=st.binary(max_size=300),

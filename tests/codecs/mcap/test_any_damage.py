@@ -23,6 +23,7 @@ from mcap_files import (
     small,
 )
 from memory_bytes import MemoryBytes
+from sweeps import examples
 
 from groundtrace_codecs.errors import FormatError
 from groundtrace_codecs.mcap.reader import McapFile
@@ -86,7 +87,7 @@ def check_any(data: bytes) -> None:
 
 
 @given(st.binary(max_size=200), st.booleans())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_any_bytes_open_or_are_refused(content: bytes, magic: bool) -> None:
     check_any(MAGIC * magic + content)
 
@@ -98,13 +99,13 @@ def test_any_bytes_open_or_are_refused(content: bytes, magic: bool) -> None:
     ),
     st.binary(max_size=40),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_any_records_open(parts: list[tuple[int, bytes]], tail: bytes) -> None:
     check_any(MAGIC + b"".join(record(opcode, content) for opcode, content in parts) + tail)
 
 
 @given(st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_many_changes_at_once_never_make_a_message(draw: st.DataObject) -> None:
     data = original = small(draw.draw(st.sampled_from(CHUNKED)))
     for _ in range(draw.draw(st.integers(1, 4))):
@@ -115,7 +116,7 @@ def test_many_changes_at_once_never_make_a_message(draw: st.DataObject) -> None:
 
 
 @given(st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_bytes_lost_zeroed_and_put_in_between_never_make_a_message(draw: st.DataObject) -> None:
     original = small(draw.draw(st.sampled_from(CHUNKED)))
     (end,) = of_kind(original, 15)

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from mcap_files import Row, changed, of_kind, oracle, rows_of, small, write_recording
+from sweeps import examples
 
 from groundtrace_codecs.mcap import follow
 from groundtrace_codecs.mcap.follow import FollowedFile, GrowingFile, PipeBytes
@@ -69,7 +70,7 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(follow, "POLL_S", 0.0)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(40))
 @given(
     st.sampled_from([CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4, None]),
     st.lists(st.integers(0, 60_000), max_size=12),

@@ -6,6 +6,7 @@ import struct
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace_codecs.mcap.chunks import (
     CHANNEL,
@@ -53,7 +54,7 @@ def in_strides(records: bytes) -> list[int] | str:
         return "short" if "expected 22 bytes" in str(error) else "end"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     patterns=patterns,
     channel_at=st.one_of(st.none(), st.integers(0, 3000)),

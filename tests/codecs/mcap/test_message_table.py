@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.events import Label
@@ -37,7 +38,7 @@ messages = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(given=messages, time_ns=st.one_of(st.integers(-1, 6), st.integers(0, 2**64)))
 def test_a_table_is_its_messages(given: list[Message], time_ns: int) -> None:
     table = MessageTable.of(given)
@@ -71,7 +72,7 @@ def outcome(data: bytes | memoryview, count: int) -> str:
     return f"{start_ns} {rate_hz} {first} {samples.tolist()} {stamps} {stored}"
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(
     count=st.integers(1, 40),
     place=st.integers(0, 10_000),

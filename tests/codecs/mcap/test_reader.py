@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from mcap_files import ATTACHMENT, MAGIC, START_NS, of_kind, opened, oracle, read, write_recording
 from memory_bytes import MemoryBytes
+from sweeps import examples
 
 from groundtrace_codecs.errors import FormatError
 from groundtrace_codecs.mcap.chunks import AttachmentRef, MetadataRecord, Schema
@@ -116,7 +117,7 @@ def test_two_readers_of_one_file_do_not_disturb_each_other() -> None:
     st.lists(st.tuples(st.integers(1, 3), st.integers(0, 12), st.integers(0, 3)), max_size=60),
     st.integers(1, 400),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_any_chunks_merge_to_what_sorting_all_messages_gives(
     keys: list[tuple[int, int, int]], chunk_bytes: int
 ) -> None:

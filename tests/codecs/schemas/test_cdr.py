@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sweeps import examples
 
 from groundtrace_codecs.errors import CodecError, FormatError, SchemaError
 from groundtrace_codecs.mcap.chunks import Message, MessageTable
@@ -132,7 +133,7 @@ def same(decoded: dict[str, list[Any]], expected: dict[str, list[Any]]) -> bool:
     return {path: values for path, values in decoded.items() if values} == expected
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(message=messages(), little=st.booleans())
 def test_every_kind_of_field_decodes_as_rosbags_encoded_it(message: Any, little: bool) -> None:
     payload = bytes(STORE.serialize_cdr(message, "ours/msg/All", little_endian=little))
@@ -159,7 +160,7 @@ def test_a_batch_of_mixed_lengths_and_byte_orders_reads_as_one_by_one(batch: lis
     assert sorted(seen) == list(range(len(payloads)))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(data=st.binary(max_size=400), kind=st.sampled_from(WRITTEN), little=st.booleans())
 def test_any_bytes_decode_or_raise_a_format_error(data: bytes, kind: str, little: bool) -> None:
     decoder = CdrDecoder(parse_ros2msg(kind, ros2msg(kind)))
@@ -172,7 +173,7 @@ def test_any_bytes_decode_or_raise_a_format_error(data: bytes, kind: str, little
         assert decoded is not None
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(text=st.text(st.sampled_from(list("ab/[]<=1 \n#\"'MSG:=int32stringx")), max_size=120))
 def test_any_schema_text_parses_or_raises_a_schema_error(text: str) -> None:
     try:

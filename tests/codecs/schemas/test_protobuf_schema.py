@@ -10,6 +10,7 @@ import pytest
 from google.protobuf import descriptor_pb2
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 import groundtrace_codecs.schemas as schemas
 from groundtrace_codecs.errors import CodecError, SchemaError
@@ -76,7 +77,7 @@ def fields() -> st.SearchStrategy[bytes]:
     return st.lists(varint | blob, max_size=9).map(b"".join)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 @given(data=st.binary(max_size=80) | fields())
 @example(data=b"")
 def test_any_bytes_decode_or_raise_a_schema_error(data: bytes) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from sweeps import examples
 
 from groundtrace_codecs import Channel, CodecError, SignalBlock, Stream
 from groundtrace_codecs.errors import SchemaError
@@ -154,7 +155,7 @@ def test_the_same_unreadable_message_is_tried_a_few_times_however_often_it_comes
     assert reader.tries < 100
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.lists(st.sampled_from([b"", b"a", b"b", b"aa", b"c" * 300]), min_size=1, max_size=40))
 def test_messages_alike_are_those_with_the_payload_of_the_first(payloads: list[bytes]) -> None:
     table = MessageTable.of(Message(1, 0, 0, 0, memoryview(p)) for p in payloads)

@@ -12,6 +12,7 @@ from first_breaks import Errors, simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stage_contexts import context_of
+from sweeps import examples
 
 from groundtrace.detectors.first_breaks import (
     FirstBreakParameters,
@@ -217,7 +218,7 @@ def plain_rise(x: np.ndarray, length: int, lead: int) -> np.ndarray:
     return rise if len(x) >= 2 * length else np.zeros(len(x))
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     x=st.lists(st.integers(-5, 5), min_size=1, max_size=40),
     length=st.integers(2, 6),
@@ -229,7 +230,7 @@ def test_a_rise_is_over_the_highest_power_of_all_windows_before(x, length, lead)
     assert np.allclose(found, plain_rise(signal, length, lead), atol=1e-9)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(seed=st.integers(0, 2**32 - 1), later=st.integers(0, 5), earlier=st.integers(0, 5))
 def test_the_best_step_is_that_of_all_steps_tried(seed: int, later: int, earlier: int) -> None:
     from groundtrace import kernels

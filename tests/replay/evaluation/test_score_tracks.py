@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace.dsp.assignment import assign
 from groundtrace.evaluation.matching import match
@@ -62,7 +63,7 @@ places = st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), max_size=5).map
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(x=places, y=places, c=st.floats(0.5, 5), p=st.sampled_from([1.0, 2.0]))
 def test_ospa_and_gospa_are_those_of_stone_soup(
     x: NDArray[np.float64], y: NDArray[np.float64], c: float, p: float
@@ -107,7 +108,7 @@ def best_by_trying(cost: NDArray[np.float64], gate: float) -> tuple[int, float]:
     return -best[0], best[1]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(
     n=st.integers(1, 4), m=st.integers(1, 4), gate=st.floats(0.1, 9.9), seed=st.integers(0, 10**6)
 )

@@ -22,6 +22,7 @@ from planted_arrivals import (
     swapped,
     unheard,
 )
+from sweeps import swept
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +35,7 @@ LAWS: tuple[dict[str, float], ...] = (
     {"exponent": 1.0, "scale": 2e-3},
     {"noise_s": 4e-4},
 )
-SENSORS = tuple(LAYOUTS)
+SENSORS = swept(LAYOUTS, 4, 9)
 STAGE = "self-calibrating"
 
 
@@ -127,7 +128,8 @@ def test_one_pick_that_is_off_is_named_with_its_error(sensors: int, late_s: floa
 
 
 @pytest.mark.parametrize(
-    ("sensors", "every"), [(4, True), (4, False), (6, False), (9, True), (16, False)]
+    ("sensors", "every"),
+    swept([(4, True), (4, False), (6, False), (9, True), (16, False)], (4, False), (9, True)),
 )
 def test_arrivals_that_are_wrong_together_are_no_line_of_places(sensors: int, every: bool) -> None:
     causes = []
@@ -156,7 +158,7 @@ def test_too_few_arrivals_are_counted(sensors: int) -> None:
     assert all(c.text.startswith("only 3 arrivals (") for c in three)
 
 
-@pytest.mark.parametrize("sensors", [4, 6, 9])
+@pytest.mark.parametrize("sensors", swept([4, 6, 9], 4, 9))
 def test_sensors_in_one_line_leave_the_place_open(sensors: int) -> None:
     line = np.column_stack(
         [np.linspace(0.5, SIDE_M - 0.5, sensors), SIDE_M / 2 + 1e-3 * np.arange(sensors)]
@@ -197,7 +199,11 @@ def planted(cause: str, sensors: int, seed: int) -> Walk:
 
 @pytest.mark.parametrize(
     ("sensors", "stage"),
-    [(4, "so-tdoa"), (4, "hyperbolic"), (4, "power-law"), (4, STAGE), (9, "hyperbolic")],
+    swept(
+        [(4, "so-tdoa"), (4, "hyperbolic"), (4, "power-law"), (4, STAGE), (9, "hyperbolic")],
+        (4, STAGE),
+        (9, "hyperbolic"),
+    ),
 )
 def test_every_sentence_about_places_is_borne_out_by_its_numbers(sensors: int, stage: str) -> None:
     seen: Counter[str] = Counter()

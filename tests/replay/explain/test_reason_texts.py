@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reason_texts import CHANNELS, Claims
+from sweeps import examples
 
 from groundtrace.detectors.adaptive import ByRhythm, ByScore
 from groundtrace.explain.reasons import CAUSES, Reason, StepReasons, accepted_picks
@@ -148,7 +149,9 @@ def check_all(evidence: Evidence, tolerance_s: float) -> None:
 
 
 TOLERANCES = st.sampled_from([0.12, 0.05, 0.03, 0.25])
-FEW = settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+FEW = settings(
+    max_examples=examples(150), suppress_health_check=[HealthCheck.too_slow], deadline=None
+)
 
 
 @FEW

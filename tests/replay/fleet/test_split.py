@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import signal
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from split_replays import (
     shaken,
     written,
 )
+from sweeps import swept
 
 import groundtrace.fleet.split as splitting
 from groundtrace.errors import RecordingError
@@ -47,20 +49,27 @@ MISSING = {"whole": (), "gaps": ((9.0, 9.6), (47.9, 48.2), (50.0, 50.03), (74.0,
 PIPELINES = ("room-steps", "room-bearings", "room-footsteps", "room-two-walkers")
 
 
-@pytest.mark.parametrize("missing", MISSING)
-@pytest.mark.parametrize("pipeline", PIPELINES)
+@pytest.mark.parametrize(
+    ("pipeline", "missing", "count"),
+    swept(
+        product(PIPELINES, MISSING, (2, 7)),
+        ("room-steps", "gaps", 2),
+        ("room-bearings", "whole", 2),
+        ("room-footsteps", "gaps", 7),
+        ("room-two-walkers", "whole", 7),
+    ),
+)
 def test_a_room_in_spans_is_decided_as_in_one_go(
-    pipeline: str, missing: str, tmp_path: Path
+    pipeline: str, missing: str, count: int, tmp_path: Path
 ) -> None:
     samples = impacts(3, 150.0)
     path = written(tmp_path / "room.mcap", GROUND, samples, MISSING[missing])
     whole, counts = in_one_go(path, pipeline)
-    for count in (2, 7):
-        part, tally, split, _ = in_spans(path, pipeline, count)
-        assert_same_events(whole, part)
-        assert (tally.samples, tally.counts) == (counts.samples, counts.counts)
-        assert (tally.first_ns, tally.last_ns) == (counts.first_ns, counts.last_ns)
-        assert split.again <= (count if missing == "gaps" else 0)
+    part, tally, split, _ = in_spans(path, pipeline, count)
+    assert_same_events(whole, part)
+    assert (tally.samples, tally.counts) == (counts.samples, counts.counts)
+    assert (tally.first_ns, tally.last_ns) == (counts.first_ns, counts.last_ns)
+    assert split.again <= (count if missing == "gaps" else 0)
     assert counts.counts["CandidateBlock"] > 500
 
 
@@ -161,14 +170,14 @@ def dead(task: SpanTask) -> None:
 
 
 def test_a_worker_that_dies_costs_time_alone(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _ = in_one_go(room, "room-bearings")
+    whole, _ = in_one_go(room, "room-steps")
     monkeypatch.setattr(splitting, "replayed", dying)
-    part, *_ = in_spans(room, "room-bearings", 4, engine_of("local", 2))
+    part, *_ = in_spans(room, "room-steps", 2, engine_of("local", 2))
     assert Path("killed").exists()
     assert_same_events(whole, part)
     monkeypatch.setattr(splitting, "replayed", dead)
     with pytest.raises(RecordingError) as told:
-        in_spans(room, "room-bearings", 2, engine_of("local", 1))
+        in_spans(room, "room-steps", 2, engine_of("local", 1))
     said = "expected a worker that ends, found it killed twice, or overdue"
     assert str(told.value) == f"room.mcap: {said}"
 
@@ -203,7 +212,7 @@ def test_a_cluster_joins_what_one_go_decides(
     cluster: str, package: str, extra: str, room: Path, capsys: Capture
 ) -> None:
     pytest.importorskip(package, reason=f"{package} is not installed: groundtrace[{extra}]")
-    name = ("--pipeline", "room-footsteps", "--no-viewer")
+    name = ("--pipeline", "room-steps", "--no-viewer")
     done(capsys, "replay", room, *name, "--out", "a.results.mcap")
     engine = ("--engine", cluster, "--workers", 2)
     said = done(capsys, "replay", room, *name, "--out", "b.results.mcap", *engine, "--quiet")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
 from groundtrace.detectors.dempster_shafer import (
@@ -68,7 +69,7 @@ def test_what_is_told_depends_on_the_numbers_and_not_on_a_name() -> None:
     assert line.startswith("steps accepts nothing: peak_mass is 0.5, but peak_mass reaches 0.3")
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.sampled_from(sorted(RULES)),
     st.tuples(st.floats(0, 1), st.floats(0, 1)),

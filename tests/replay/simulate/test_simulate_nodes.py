@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_roads import of_kind, simulated, values_of
+from sweeps import swept
 from vehicle_runs import replayed, told
 
 from groundtrace.errors import SimulationError
@@ -69,7 +70,7 @@ def test_options_that_exclude_each_other_are_refused(options: dict[str, object],
         simulated(**options)
 
 
-@pytest.mark.parametrize("components", [1, 3])
+@pytest.mark.parametrize("components", swept([1, 3], 3))
 def test_passes_of_nodes_are_found_with_directions(components: int) -> None:
     site = replace(SITE, components=components)
     events = replayed(site, "vehicle-passes")

@@ -8,6 +8,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
@@ -24,6 +25,7 @@ from page_sessions import (
     write_as_logged,
     write_walk,
 )
+from sweeps import swept
 
 from groundtrace.annotate.store import Annotations, stored
 from groundtrace_viewers.errors import ViewerError
@@ -323,8 +325,14 @@ def test_a_port_that_is_taken_is_one_line() -> None:
             listen(port)
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("serve", [serving, showing])
+@pytest.mark.parametrize(
+    ("serve", "ending"),
+    swept(
+        product((serving, showing), (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)),
+        (serving, signal.SIGTERM),
+        (showing, signal.SIGHUP),
+    ),
+)
 def test_its_folder_goes_with_it(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serve: Any, ending: int
 ) -> None:
