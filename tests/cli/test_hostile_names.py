@@ -66,6 +66,28 @@ def test_no_command_prints_what_moves_the_cursor(named: str, capsys: Capture) ->
     assert json.loads(texts[1].out)["recording"] == named
 
 
+def test_no_page_turns_a_name_round(named: str, capsys: Capture) -> None:
+    done(capsys, "replay", named, "--no-viewer", "--out", "a.mcap", "--pipeline", "waist-peaks")
+    done(capsys, "score", "a.mcap", "--html", "score.html")
+    fleet = ("fleet", named, "--pipeline", "waist-peaks", "--workers", "1", "-o", "fleet.parquet")
+    done(capsys, *fleet)
+    done(capsys, "fleet-report", "fleet.parquet", "-o", "fleet.html")
+    for page in ("score.html", "fleet.html"):
+        text = Path(page).read_text("utf-8")
+        assert r"\u202egpj\u2066" in text
+        assert not HARMFUL.search(text), page
+
+
+@pytest.mark.parametrize("words", [(HOSTILE,), ("info", f"--{HOSTILE}"), ("info", "a", HOSTILE)])
+def test_what_is_no_command_or_option_is_named_harmlessly(
+    words: tuple[str, ...], capsys: Capture
+) -> None:
+    ran = run(capsys, *words)
+    assert ran.code == 2
+    assert r"\u202egpj" in ran.out + ran.err
+    assert not HARMFUL.search(ran.out + ran.err)
+
+
 def test_no_cell_is_a_formula_and_the_text_comes_back(
     named: str, capsys: Capture, tmp_path: Path
 ) -> None:

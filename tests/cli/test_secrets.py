@@ -106,6 +106,7 @@ def test_a_recording_at_a_url_is_examined_and_none_is_written_there(folder: Path
         if command.endswith("-o URL"):
             assert text.endswith(": expected a path to write to, found a URL\n"), command
     assert (folder / "mended.mcap").exists()
+    assert "next: groundtrace replay http://127.0.0.1:" in said["info URL"]
     assert not list(folder.glob("http*"))
 
 

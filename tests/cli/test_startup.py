@@ -62,6 +62,7 @@ OF_A_REPLAY = {
     "pipeline",
     "runtime",
     "trackers",
+    "visible",
 }
 
 

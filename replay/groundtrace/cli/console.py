@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from groundtrace_codecs.location import as_url, is_url
+
 from ..api import known_truth
 from ..api.progress import unseen
 from ..api.tables import plain_document
+from ..visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,12 +31,6 @@ if TYPE_CHECKING:
     from ..pipeline.results import Results
     from ..pipeline.warned import Warned
 
-#: Control characters but tab and newline (C0, DEL, C1; ISO/IEC 6429), and those that say in which
-#: direction text runs (Unicode, Annex 9, explicit and implicit directional formatting).
-_CONTROLS = (*range(9), *range(11, 32), *range(0x7F, 0xA0))
-_DIRECTIONS = (0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))
-_ESCAPED = {code: f"\\u{code:04x}" for code in (*_CONTROLS, *_DIRECTIONS)}
-
 
 def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     """Print one JSON document on stdout; a number that is not finite is null.
@@ -47,15 +44,6 @@ def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     """
     plain = plain_document(document, warnings)
     print_line(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
-
-
-def visible(text: str) -> str:
-    r"""Return a text whose control characters and marks of direction are escaped, as ``\u001b`` is.
-
-    Names come from files of others: on a terminal they could move the cursor, change what stands
-    there, or reverse the order in which it is read. The escapes are those of JSON.
-    """
-    return text.translate(_ESCAPED)
 
 
 def print_line(text: str = "", end: str = "\n") -> None:
@@ -175,8 +163,8 @@ def damage_text(damage: Damage) -> str:
 
 
 def quoted(path: Path) -> str:
-    """Return a path as one types it in a shell."""
-    return shlex.quote(str(path))
+    """Return a path, or a URL that was made one, as one types it in a shell."""
+    return shlex.quote(as_url(path) if is_url(path) else str(path))
 
 
 def has_display() -> bool:

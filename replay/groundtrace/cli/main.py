@@ -6,7 +6,7 @@ import os
 import sys
 from contextlib import suppress
 from io import TextIOWrapper
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cyclopts import App, CycloptsError
 
@@ -205,6 +205,7 @@ def application() -> App:
         name="groundtrace",
         version=_version,
         help_format="plaintext",  # markdown would need 70 ms more to start
+        error_formatter=_usage_panel,
         help="Replay field recordings of footsteps and vehicles, "
         "and see why every detector decided as it did.",
     )
@@ -230,6 +231,15 @@ def application() -> App:
         help="Install completion of commands and options for the present shell."
     )
     return app
+
+
+def _usage_panel(error: CycloptsError) -> Any:
+    """Return what is wrong with the arguments, one of which may be the name of another's file."""
+    from cyclopts.panel import CycloptsPanel
+
+    from ..visible import visible
+
+    return CycloptsPanel(visible(str(error)))
 
 
 def _version() -> str:

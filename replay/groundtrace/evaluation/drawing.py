@@ -17,6 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ..runtime import unconfigured
+from ..visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -211,7 +212,7 @@ class Drawing:
             filterwarnings("ignore", "Glyph .* missing from font")  # the reader's has it
             nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
             self.figure.savefig(out, format="svg", metadata=nothing)
-        root = ElementTree.fromstring(_UNWRITABLE.sub("\N{REPLACEMENT CHARACTER}", out.getvalue()))
+        root = ElementTree.fromstring(_writable(out.getvalue()))
         for group in root.iter(f"{_SVG}g"):
             _tell(group, self._tips.get(group.attrib.pop("id", ""), ()))
         _tidy(root, alone=alone)
@@ -236,7 +237,12 @@ def _tell(group: ElementTree.Element, tips: Sequence[str]) -> None:
     for mark, tip in zip(marks, tips, strict=True):
         if tip:
             words = ElementTree.SubElement(mark, "title")
-            words.text = _UNWRITABLE.sub("\N{REPLACEMENT CHARACTER}", tip)
+            words.text = _writable(tip)
+
+
+def _writable(text: str) -> str:
+    """Return a text as XML takes it, and as it may be shown."""
+    return _UNWRITABLE.sub("\N{REPLACEMENT CHARACTER}", visible(text))
 
 
 def _tidy(element: ElementTree.Element, *, alone: bool) -> None:

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..visible import visible
 from .drawing import COLOURS
 
 if TYPE_CHECKING:
@@ -22,6 +23,11 @@ def shown(value: float | None, unit: str, digits: int = 2, *, sign: bool = False
     return f"{value:{'+' if sign else ''}.{digits}f} {unit}"
 
 
+def _harmless(value: Any) -> Any:
+    """Return a text as it may be shown; what is markup already is not that of others."""
+    return visible(value) if type(value) is str else value
+
+
 @cache
 def _environment(folder: Path) -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -32,6 +38,7 @@ def _environment(folder: Path) -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=_harmless,
     )
     found.filters |= {"shown": shown, "fixed": lambda value, digits: f"{value:.{digits}f}"}
     found.globals |= {"colours": COLOURS}
