@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -253,8 +254,14 @@ def piped(*arguments: str, out: int | str, buffered: bool, before: str = "") -> 
     return ran.returncode, ran.stderr
 
 
-@pytest.mark.parametrize("buffered", [True, False])
-@pytest.mark.parametrize("command", ["pipelines waist-steps", "--help", "info in/walk.mcap --json"])
+@pytest.mark.parametrize(
+    ("command", "buffered"),
+    swept(
+        product(("pipelines waist-steps", "--help", "info in/walk.mcap --json"), (True, False)),
+        ("--help", True),
+        ("info in/walk.mcap --json", False),
+    ),
+)
 @pytest.mark.usefixtures("_in_place")
 def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(
     command: str, buffered: bool
@@ -275,7 +282,10 @@ def test_output_into_a_full_disk_is_one_line(buffered: bool) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
-@pytest.mark.parametrize("command", ["--help", "pipelines waist-steps", "info none"])
+@pytest.mark.parametrize(
+    "command",
+    swept(["--help", "pipelines waist-steps", "info none"], "pipelines waist-steps", "info none"),
+)
 def test_output_and_errors_into_a_full_disk_end_with_1(command: str) -> None:
     code = "from groundtrace.cli.main import main; main()"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}

@@ -23,7 +23,7 @@ from mcap_files import (
     small,
 )
 from memory_bytes import MemoryBytes
-from sweeps import examples
+from sweeps import examples, swept
 
 from groundtrace_codecs.errors import FormatError
 from groundtrace_codecs.mcap.reader import McapFile
@@ -40,12 +40,19 @@ def chunk_rows(data: bytes) -> list[tuple[Record, set[Row]]]:
     return found
 
 
+#: Damage is at every third place every day: bits of every number within their bytes are among them.
+steps = pytest.mark.parametrize("step", swept([1, 3], 3))
+
+
+@steps
 @pytest.mark.parametrize("compression", CHUNKED)
-def test_a_cut_anywhere_leaves_all_chunks_before_it(compression: CompressionType) -> None:
+def test_a_cut_anywhere_leaves_all_chunks_before_it(
+    compression: CompressionType, step: int
+) -> None:
     data = small(compression)
     chunks = chunk_rows(data)
     assert len(chunks) > 3
-    for cut in range(8, len(data)):
+    for cut in range(8, len(data), step):
         with opened(data[:cut]) as file:
             found = read(file)
             assert file.damage
@@ -54,12 +61,13 @@ def test_a_cut_anywhere_leaves_all_chunks_before_it(compression: CompressionType
         assert set(found) == expected
 
 
+@steps
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
-def test_a_flip_anywhere_costs_at_most_its_chunk(compression: CompressionType) -> None:
+def test_a_flip_anywhere_costs_at_most_its_chunk(compression: CompressionType, step: int) -> None:
     data = small(compression)
     chunks = chunk_rows(data)
     original = set(rows_of(data))
-    for place in range(8, len(data) - 8):
+    for place in range(8, len(data) - 8, step):
         hit = set().union(*(rows for chunk, rows in chunks if chunk.offset <= place < chunk.end))
         with opened(flipped(data, place, 1 << place % 8)) as file:
             found = read(file)
@@ -67,11 +75,12 @@ def test_a_flip_anywhere_costs_at_most_its_chunk(compression: CompressionType) -
         assert original - hit <= set(found) <= original
 
 
-def test_a_flip_in_a_file_without_summary_never_makes_a_message() -> None:
+@steps
+def test_a_flip_in_a_file_without_summary_never_makes_a_message(step: int) -> None:
     data = small(CompressionType.NONE)
     (end,) = of_kind(data, 15)
     original = set(rows_of(data))
-    for place in range(8, end.offset):
+    for place in range(8, end.offset, step):
         with opened(flipped(data[: end.offset], place, 1 << place % 8)) as file:
             assert set(read(file)) <= original
 
