@@ -211,6 +211,14 @@ def test_an_import_whose_temporary_file_finds_no_room_is_one_line(
     assert not Path("table.mcap").exists()
 
 
+def test_a_demo_that_finds_no_room_is_one_line_and_leaves_no_torn_recording(
+    capsys: Capture,
+) -> None:
+    with no_more_than(100):
+        assert run(capsys, "demo", "--no-viewer").error == f"lower-back.mcap: {FULL}"
+    assert list(Path().iterdir()) == []
+
+
 @pytest.mark.usefixtures("_in_place")
 def test_a_mark_that_finds_no_room_is_one_line_and_the_others_stay(capsys: Capture) -> None:
     done(capsys, "annotate", WALK, "--add", "missed@1.5")

@@ -12,7 +12,7 @@ from groundtrace_recordings import path_of
 
 from ..api.files import writable
 from ..api.results import load_results
-from ..pipeline.results import file_sha256
+from ..pipeline.results import atomic_write, file_sha256
 from .console import has_display, print_json, print_line
 from .options import FLAG, ForceOthers, Json, Quiet
 from .replay import replay
@@ -38,7 +38,8 @@ def demo(
     """
     bundled, recording = path_of(RECORDING), Path(RECORDING)
     if not (recording.is_file() and file_sha256(recording) == file_sha256(bundled)):
-        shutil.copyfile(bundled, writable(recording, force=force))
+        with atomic_write(writable(recording, force=force)) as fresh:
+            shutil.copyfile(bundled, fresh)
     timeline = None if no_viewer else Path(f"{recording.stem}.rrd")
     show = has_display() and not no_viewer
     with redirect_stdout(sys.stderr) if json else nullcontext():
