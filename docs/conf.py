@@ -49,6 +49,8 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
+# widgets are not part of a page: their scripts would be asked of servers of others
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 html_math_renderer = "mathml"  # browsers draw it themselves, without a script

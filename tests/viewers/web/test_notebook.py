@@ -4,11 +4,15 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 import rerun as rr
 from share_sessions import shared_walk
 
 import groundtrace_viewers
+from groundtrace.pipeline.results import read_results
+from groundtrace_codecs.events import StepEvent
+from groundtrace_codecs.recording import Recording
 from groundtrace_viewers import ViewerError
 from groundtrace_viewers.web import notebook
 
@@ -45,6 +49,25 @@ def test_a_result_is_shown_by_the_widget_its_layout_first(
     assert replay == walk.rrd.read_bytes()
     (tmp_path / "layout.rrd").write_bytes(layout)
     assert len(rr.chunk.RrdReader(str(tmp_path / "layout.rrd")).blueprints()) == 1
+
+
+def test_it_opens_at_the_first_wrong_decision(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = ModuleType(notebook.PACKAGE)
+    fake.Viewer = Widget  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, notebook.PACKAGE, fake)
+    walk = shared_walk(tmp_path)
+    steps = [e for e in read_results(walk.results).events if isinstance(e, StepEvent)]
+    with Recording.open(walk.recording) as opened:
+        true = [label.time_ns for label in opened.labels if label.kind == "step"]
+        start_ns = opened.start_ns
+    found = np.array([step.time_ns for step in steps])
+    missed = [t for t in true if np.abs(found - t).min() > 120_000_000]
+    widget = groundtrace_viewers.show(str(walk.results), rrd=walk.rrd)
+    timeline, at_ns, plays = widget.cursor
+    assert (timeline, plays) == ("t", False)
+    assert at_ns == pytest.approx(min(missed) - start_ns, abs=1e3)
 
 
 def test_without_the_widget_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

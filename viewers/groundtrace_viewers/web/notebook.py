@@ -53,7 +53,8 @@ def show(
     height
         Of the widget [px]; it is as wide as its cell.
     at_s
-        Where its cursor stands [s since the first sample]; None leaves it.
+        Where its cursor stands [s since the first sample]; None stands for the first wrong
+        decision, and leaves it where nothing is known to be wrong.
 
     Returns
     -------
@@ -84,9 +85,20 @@ def show(
     widget = widget_class(width="auto", height=height)
     for part in parts:
         widget.send_rrd(part)
+    at_s = _first_wrong_s(path) if at_s is None else at_s
     if at_s is not None:
         widget.set_time_ctrl(TIMELINE, duration_nanos=round(at_s * 1e9), play=False)
     return widget
+
+
+def _first_wrong_s(results: Path) -> float | None:
+    """Return when the first decision was wrong [s since the first sample]; None where none is."""
+    from groundtrace.pipeline.results import read_results
+
+    from ..rerun.moments import moments_of_results
+
+    found = moments_of_results(read_results(results), within_s=0.0)  # when, not why
+    return min((wrong.t_s for wrong in found.misses), default=None)
 
 
 def _widget_class() -> Any:
