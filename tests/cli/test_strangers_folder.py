@@ -164,6 +164,7 @@ COMMANDS = {
     "fleet-dask": (*FLEET, "--engine", "dask", "-o", "dask.parquet"),
     "fleet-ray": (*FLEET, "--engine", "ray", "-o", "ray.parquet"),
     "sweep": (*SWEEP, "--grid", "steps.score=0.1:0.6:3", "--figure", "sweep.svg"),
+    "figure": ("figure", "walk.results.mcap", "--at", "2", "-o", "figure.svg"),
     "share": ("share", "walk.results.mcap", "-o", "shared"),
     "share-light": ("share", "walk.results.mcap", "--rrd", "walk.rrd", "--light", "-o", "light"),
     "analyze": ("analyze", "room", "room.toml", "--lattice", "3", "--draws", "2", "--png", "a.png"),
@@ -175,7 +176,9 @@ COMMANDS = {
 
 @pytest.mark.parametrize(
     "name",
-    swept(COMMANDS, "fleet", "fleet-dask", "fleet-ray", "share-light", "export", "doctor"),
+    swept(
+        COMMANDS, "fleet", "figure", "fleet-dask", "fleet-ray", "share-light", "export", "doctor"
+    ),
 )
 def test_no_process_of_a_command_runs_or_reads_what_a_stranger_left_or_calls_elsewhere(
     name: str, folder: Path

@@ -11,6 +11,7 @@ from ..api.plots import FORMATS, save_figure
 from ..api.results import load_results
 from ..errors import UsageError
 from ..pipeline.results import provenance_of
+from ..runtime import unconfigured
 from .console import print_json, print_line, print_stderr
 from .options import AT_LEAST_ONE, OUT, POSITIVE, ForceOthers, Json, Results
 
@@ -44,7 +45,8 @@ def figure(
     recording
         The recording, where it is not beside its results.
     """
-    import matplotlib
+    with unconfigured():
+        import matplotlib
 
     if out.suffix.lower() not in FORMATS:
         known = ", ".join(FORMATS)
