@@ -301,7 +301,7 @@ def _stay_with(server: Popen[bytes]) -> None:
         server.wait()
     finally:
         server.terminate()
-        server.wait()
+        server.communicate()  # it closes the pipe, too
 
 
 def _run(

@@ -94,6 +94,14 @@ def test_a_replay_for_the_web_is_served_until_ctrl_c(recording: Path) -> None:
     assert not server.is_running()
 
 
+def test_the_server_of_a_replay_that_is_killed_ends_too(recording: Path) -> None:
+    with showing(recording) as page:
+        (server,) = psutil.Process(page.process.pid).children()
+        page.process.kill()
+        page.process.wait()
+        server.wait(20)
+
+
 def test_a_recording_that_is_written_is_served_as_it_grows(recording: Path, tmp_path: Path) -> None:
     whole, growing = write_as_logged(recording, tmp_path / "whole.mcap"), tmp_path / "walk.mcap"
     growing.write_bytes(whole[: len(whole) // 2])

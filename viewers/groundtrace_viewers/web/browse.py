@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from groundtrace.scratch import scratch_folder_until_exit
@@ -144,7 +145,7 @@ class LivePage:
         """Serve no more."""
         if self.server is not None:
             self.server.terminate()
-            self.server.wait()
+            self.server.communicate()  # it closes the pipe, too
 
 
 def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subprocess.Popen[bytes]:
@@ -191,12 +192,13 @@ def _served(
     )
     try:
         if process.stdin is not None:
-            process.stdin.write(f"{token}\n".encode() + moments)
-            process.stdin.close()
+            # it stays open: where it ends we have, and the server does
+            process.stdin.write(f"{token} {len(moments)}\n".encode() + moments)
+            process.stdin.flush()
         fetch(port, f"/{token}/index.html")
     except (ViewerError, OSError) as error:
-        process.kill()
-        process.wait()
+        with suppress(OSError), process:  # what it never took
+            process.kill()
         if isinstance(error, ViewerError):
             raise
         raise ViewerError(f"page: expected its server to start, found: {error}") from error

@@ -12,14 +12,17 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import os
 import re
 import secrets
+import signal
 import socket
 import sys
+import threading
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import uvicorn
 from markupsafe import Markup
@@ -467,8 +470,16 @@ def main(rrd: Path, port: int, token: str, moments: bytes | Path) -> None:
     run(page_app(rrd, now, port, token, "browser"), listening)
 
 
+def end_with(starter: BinaryIO) -> None:
+    """End this process when the one that started it does, in whatever way: its pipe ends then."""
+    starter.read()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 if __name__ == "__main__":
     given = sys.stdin.buffer
-    asked = given.readline().decode().strip()
+    asked, size = given.readline().decode().split()
+    sent = given.read(int(size))
+    threading.Thread(target=end_with, args=(given,), daemon=True).start()
     running = [Path(place) for place in sys.argv[3:]]
-    main(Path(sys.argv[1]), int(sys.argv[2]), asked, running[0] if running else given.read())
+    main(Path(sys.argv[1]), int(sys.argv[2]), asked, running[0] if running else sent)
