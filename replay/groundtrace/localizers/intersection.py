@@ -47,7 +47,7 @@ class CovarianceIntersection(Stage):
     """
 
     Parameters = IntersectionParameters
-    takes = (Input(Fix, every=True), Input(StepEvent))
+    takes = (Input(Fix, every=True), Input(StepEvent, anywhere=True))
     gives = (Fix,)
     scope = "recording"
     ends_at = "clock step"

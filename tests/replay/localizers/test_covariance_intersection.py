@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 #: Along x one localizer is sure to 0.1 m, the other to 1 m; along y the other way round.
 ALONG, ACROSS = (0.01, 0.0, 1.0), (1.0, 0.0, 0.01)
 SPECS = [
-    *(StageSpec(name, "any", "/s", ("all",), (), (), (), "fix") for name in ("one", "two")),
-    StageSpec("steps", "any", "/s", ("all",), (), (), (), "step"),
+    StageSpec(name, "any", topic, ("all",), (), (), (), given)
+    for topic in ("/s", "/t")
+    for name, given in (("one", "fix"), ("two", "fix"), ("steps", "step"))
 ]
 
 
@@ -36,8 +37,8 @@ def fix(
     return Fix(time_ns, x, y, spread, 1e-4, name, 4, name, doubted)
 
 
-def step(time_ns: int) -> StepEvent:
-    return StepEvent(time_ns, "impact", "", "/s", "steps", 1.0)
+def step(time_ns: int, topic: str = "/s") -> StepEvent:
+    return StepEvent(time_ns, "impact", "", topic, "steps", 1.0)
 
 
 def fixes_of(*items: Fix | StepEvent) -> list[Fix]:
@@ -82,6 +83,12 @@ def test_a_step_has_one_place_when_it_is_announced() -> None:
     (found,) = fixes_of(one, two, step(5))
     assert (found.time_ns, found.stage, found.method) == (5, "place", "covariance-intersection")
     assert (found.x_m, found.picks) == (pytest.approx(102 / 101), 4)
+
+
+def test_steps_of_two_streams_have_their_places() -> None:
+    one, two = fix("one", 1.0, 1.0, ALONG), fix("one", 2.0, 2.0, ALONG, 9)
+    found = fixes_of(one, step(5), two, step(9, "/t"))
+    assert [(f.time_ns, f.x_m) for f in found] == [(5, 1.0), (9, 2.0)]
 
 
 def test_a_localizer_that_doubts_its_waves_does_not_count() -> None:
