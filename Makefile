@@ -10,7 +10,7 @@ install = $(BIN)/uv pip install --quiet --python $(1) $(2) || \
 # the systems that types are checked for
 SYSTEMS := linux win32 darwin
 
-.PHONY: demo dev fmt check style $(SYSTEMS:%=types-%) systems compile test sweeps golden build wheel bench fuzz big accept excerpts proto docs pictures clean
+.PHONY: demo dev fmt check style $(SYSTEMS:%=types-%) compile test sweeps golden build wheel bench fuzz big accept excerpts proto docs pictures clean
 
 demo: $(VENV)/installed ## set up, then replay and score the bundled walk, and show it
 	$(BIN)/groundtrace demo
@@ -34,9 +34,7 @@ fmt: dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-check: style types-linux audit
-
-systems: types-win32 types-darwin ## types as other systems have them: a minute or two each
+check: style $(SYSTEMS:%=types-%) audit ## types as each of the systems has them
 
 style: dev
 	$(BIN)/ruff format --check .
@@ -126,7 +124,7 @@ big: dev ## memory and time of every command on an hour of recording, and of imp
 	$(BIN)/python bench/big_memory.py
 	$(BIN)/python bench/import_memory.py
 
-accept: dev systems sweeps ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
+accept: dev sweeps ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py
 	$(BIN)/python bench/room_accuracy.py
 	$(BIN)/python bench/placement_guess.py
