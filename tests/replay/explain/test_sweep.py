@@ -51,7 +51,7 @@ ROOM_CHAIN = (
     "picks.ratio=5:12:5",
     "picks.refractory_s=0:0.5:5",
     "steps.min_channels=1:9:9",
-    "steps.window_s=0.03:0.1:5",  # not less than arrivals.after_s
+    "steps.window_s=0.05:0.1:5",  # not less than times-amplitudes.after_s
     "steps.refractory_s=0:0.9:5",
 )
 

@@ -191,7 +191,7 @@ def test_steps_are_decided_again_as_if_there_were_no_localizers() -> None:
         found = [e for item in Source(opened, stop_ns=stop_ns) for e in chain.process(item)]
         found += chain.flush()
         start_ns, end_ns = opened.start_ns, opened.end_ns
-    assert {f.stage for f in fixes(found)} == set(METHODS)
+    assert {f.stage for f in fixes(found)} == {*METHODS, "times-amplitudes", "place"}
     stages = stage_evidence(found, [s.key for s in config.stage])
     evidence = Evidence("w", config, stages, (), (), start_ns, end_ns)
     steps = [e.time_ns for e in found if isinstance(e, StepEvent)]
