@@ -112,20 +112,22 @@ def robust_losses(
 
 
 @inlined
-def _levelled(left: Array, spread: Array, bound: Flags, level: Array, whole: Array) -> None:
+def _levelled(
+    left: Array, spread: Array, bound: Flags, level: Array, weights: Array, moved: Array
+) -> None:
     """Move the level of each node of a block once, by the weights of Student's law about it."""
-    moved = np.zeros_like(level)
-    whole[:] = 0.0
+    weights[:] = 0.0
+    moved[:] = 0.0
     for i in range(len(left)):
-        for j in range(len(level)):
+        mute = 0.0 if bound[i] else 1.0
+        for j in range(BLOCK):
             off = left[i, j] - level[j]
-            silent = bound[i] & (off < 0.0)
-            weight = (0.0 if silent else 1.0) / (spread[i, j] + off * off)
-            whole[j] += weight
+            weight = (1.0 if off >= 0.0 else mute) / (spread[i, j] + off * off)
+            weights[j] += weight
             moved[j] += weight * off
-    for j in range(len(level)):
-        whole[j] = max(whole[j], 1e-12)
-        level[j] += moved[j] / whole[j]
+    for j in range(BLOCK):
+        weights[j] = max(weights[j], 1e-12)
+        level[j] += moved[j] / weights[j]
 
 
 @compiled("void(f8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8, i8, f8[:, ::1])")
@@ -150,33 +152,34 @@ def student_logs(
     logs
         Shape (h, q), overwritten.
     """
-    whole_left, whole_spread = np.empty((len(values), BLOCK)), np.empty((len(values), BLOCK))
-    whole_level, whole_weight = np.empty(BLOCK), np.empty(BLOCK)
+    left, spread = np.zeros((len(values), BLOCK)), np.ones((len(values), BLOCK))
+    level, weights = np.empty(BLOCK), np.empty(BLOCK)
+    moved, tails = np.empty(BLOCK), np.empty(BLOCK)
     for law in range(len(laws)):
         slope, constant, part = laws[law]
         for start in range(0, field.shape[1], BLOCK):
-            count = min(BLOCK, field.shape[1] - start)
-            left, spread = whole_left[:, :count], whole_spread[:, :count]
-            level, weight = whole_level[:count], whole_weight[:count]
+            count = min(BLOCK, field.shape[1] - start)  # what is behind is that of the block before
             level[:] = 0.0
             for i in range(len(values)):
                 for j in range(count):
                     taken = slope * field[i, start + j]
                     left[i, j] = values[i] - taken
                     spread[i, j] = freedom * (constant * constant + (part * taken) ** 2)
+                for j in range(BLOCK):
                     level[j] += left[i, j]
             level /= len(values)
             for _ in range(passes):
-                _levelled(left, spread, bound, level, weight)
-            for j in range(count):
-                tails, scale = 1.0, 1.0
-                for i in range(len(values)):
+                _levelled(left, spread, bound, level, weights, moved)
+            tails[:] = 1.0
+            for i in range(len(values)):
+                mute = 0.0 if bound[i] else 1.0
+                for j in range(BLOCK):
                     off = left[i, j] - level[j]
-                    if bound[i] and off < 0.0:
-                        off = 0.0
-                    tails *= 1.0 + off * off / spread[i, j]
-                    scale *= spread[i, j] / freedom
-                told = (freedom + 1.0) * np.log(tails) + np.log(scale * weight[j])
+                    off = off if off >= 0.0 else mute * off
+                    tails[j] *= 1.0 + off * off / spread[i, j]
+                    weights[j] *= spread[i, j] / freedom
+            for j in range(count):
+                told = (freedom + 1.0) * np.log(tails[j]) + np.log(weights[j])
                 logs[law, start + j] = -told / 2.0
 
 

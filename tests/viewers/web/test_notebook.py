@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import rerun as rr
-from share_sessions import shared_walk
+from share_sessions import Walk, shared_walk
 
 import groundtrace_viewers
 from groundtrace.pipeline.results import read_results
@@ -35,13 +35,16 @@ class Widget:
         self.cursor = timeline, duration_nanos, play
 
 
-def test_a_result_is_shown_by_the_widget_its_layout_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Walk:
+    """A walk to show, by the widget without a browser."""
     fake = ModuleType(notebook.PACKAGE)
     fake.Viewer = Widget  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, notebook.PACKAGE, fake)
-    walk = shared_walk(tmp_path)
+    return shared_walk(tmp_path)
+
+
+def test_a_result_is_shown_by_the_widget_its_layout_first(walk: Walk, tmp_path: Path) -> None:
     widget = groundtrace_viewers.show(str(walk.results), rrd=walk.rrd, height=500, at_s=1.25)
     assert widget.cursor == ("t", 1_250_000_000, False)
     assert widget.size == ("auto", 500)
@@ -51,13 +54,7 @@ def test_a_result_is_shown_by_the_widget_its_layout_first(
     assert len(rr.chunk.RrdReader(str(tmp_path / "layout.rrd")).blueprints()) == 1
 
 
-def test_it_opens_at_the_first_wrong_decision(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fake = ModuleType(notebook.PACKAGE)
-    fake.Viewer = Widget  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, notebook.PACKAGE, fake)
-    walk = shared_walk(tmp_path)
+def test_it_opens_at_the_first_wrong_decision(walk: Walk) -> None:
     steps = [e for e in read_results(walk.results).events if isinstance(e, StepEvent)]
     with Recording.open(walk.recording) as opened:
         true = [label.time_ns for label in opened.labels if label.kind == "step"]
