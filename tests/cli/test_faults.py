@@ -99,6 +99,8 @@ def test_faults_of_single_channels_are_told_and_cost_no_step(
     found = done(capsys, "score", "r.mcap", "--json").document
     assert (found["steps"]["matched"], found["steps"]["detected"]) == (STEPS, STEPS)
     # the dropout begins 5 ms into a step and costs that step's place, no other
+    cep50 = {e["group"]: e["cep50_m"] for e in found["positions"]["by_stage"]}
+    assert cep50["self-calibrating"] < 0.02
     assert found["positions"]["cep50_m"] < 0.1
 
 

@@ -92,7 +92,7 @@ class LocalizerDisagreement(Stage):
         for channel, (one, other) in enumerate(combinations(fixes, 2)):
             if one is not None and other is not None:
                 middle = (one.x_m + other.x_m) / 2, (one.y_m + other.y_m) / 2
-                rows.append((channel, one.time_ns, (*_apart(one, other), *middle)))
+                rows.append((channel, one.time_ns, (*apart(one, other), *middle)))
         if not rows:
             return Candidates.empty(len(self.columns))
         known = [row for row in rows if np.isfinite(row[2][1])] or rows
@@ -105,8 +105,11 @@ class LocalizerDisagreement(Stage):
         )
 
 
-def _apart(one: Fix, other: Fix) -> tuple[float, float]:
-    """Return the distance of two places [m], and in standard deviations; NaN where unknown."""
+def apart(one: Fix, other: Fix) -> tuple[float, float]:
+    """Return the distance of two places [m], and in standard deviations; NaN where unknown.
+
+    The deviations are Mahalanobis' with the sum of both covariances, as of independent errors.
+    """
     offset = np.array([one.x_m - other.x_m, one.y_m - other.y_m])
     xx, xy, yy = np.add(one.covariance, other.covariance)
     determinant = xx * yy - xy**2

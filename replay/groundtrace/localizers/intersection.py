@@ -13,6 +13,7 @@ inverse of its covariance P_i, and n of them
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..pipeline.gates import Level
 from ..pipeline.parameters import gate
 from ..pipeline.stage import Input, LocationEstimate, Memory, Stage, no_location
 from .base import columns, place_candidate
+from .disagreement import apart
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -94,24 +96,20 @@ def intersected(fixes: Sequence[Fix]) -> LocationEstimate:
     fixes
         Those whose covariance is finite and not singular count.
     """
-    known = []
-    for fix in fixes:
-        xx, xy, yy = fix.covariance
-        if xx > 0 and xx * yy - xy * xy > 0:
-            known.append((np.array([fix.x_m, fix.y_m]), np.array([[xx, xy], [xy, yy]])))
+    known = [fix for fix in fixes if _is_known(fix.covariance)]
     if not known:
         return no_location(0)
-    information = [np.linalg.inv(spread) / len(known) for _, spread in known]
-    covariance = np.linalg.inv(np.sum(information, axis=0))
-    place = covariance @ np.sum(
-        [told @ there for told, (there, _) in zip(information, known, strict=True)], axis=0
-    )
-    apart = 0.0
-    for index, (one, spread) in enumerate(known):
-        for other, wide in known[:index]:
-            off = one - other
-            apart = max(apart, float(off @ np.linalg.solve(spread + wide, off)))
-    picks = max(fix.picks for fix in fixes)
-    return LocationEstimate(
-        float(place[0]), float(place[1]), covariance, float(np.sqrt(apart)), picks
-    )
+    information = [
+        np.linalg.inv([(xx, xy), (xy, yy)]) for xx, xy, yy in (f.covariance for f in known)
+    ]
+    covariance = np.linalg.inv(np.mean(information, axis=0))
+    pulls = [told @ (fix.x_m, fix.y_m) for told, fix in zip(information, known, strict=True)]
+    x, y = (covariance @ np.mean(pulls, axis=0)).tolist()
+    farthest = max((apart(*two)[1] for two in combinations(known, 2)), default=0.0)
+    return LocationEstimate(x, y, covariance, farthest, max(fix.picks for fix in fixes))
+
+
+def _is_known(covariance: tuple[float, float, float]) -> bool:
+    """Whether a covariance, (xx, xy, yy), is finite and not singular."""
+    xx, xy, yy = covariance
+    return xx > 0 and xx * yy - xy * xy > 0

@@ -99,7 +99,8 @@ def test_the_server_of_a_replay_that_is_killed_ends_too(recording: Path) -> None
         (server,) = psutil.Process(page.process.pid).children()
         page.process.kill()
         page.process.wait()
-        server.wait(20)
+        gone, _ = psutil.wait_procs([server], 20)
+        assert gone == [server]
 
 
 def test_a_recording_that_is_written_is_served_as_it_grows(recording: Path, tmp_path: Path) -> None:
