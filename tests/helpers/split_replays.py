@@ -127,7 +127,7 @@ def in_spans(
         kept = EventList()
         plan = planned(recording, path, pipeline)
         place = Location(options.get("place", path))
-        split = SplitReplay(plan, place, engine or Here(), 2, report, count)
+        split = SplitReplay(plan, place, engine or Here(), options.get("workers", 2), report, count)
         tally = split.run([kept], signal=options.get("signal", False), progress=lambda _: None)
     return kept.events, tally, split, said
 

@@ -28,6 +28,7 @@ from ..pipeline.split import (
     begun_earlier,
     in_spans,
     joined,
+    measured_in_spans,
     replay_span,
     spans_of,
     warm_up_s,
@@ -198,6 +199,14 @@ class SplitReplay:
             count = max(1, min(most, max(wanted, self.workers)))
         return spans_of(recording, warm_s, count)
 
+    def _too_short(self) -> str:
+        """Return why there are fewer than two spans."""
+        warm_s = warm_up_s(self.plan.ready.chain)
+        recording = self.plan.recording
+        if self.workers < 2 and (recording.end_ns - recording.start_ns) / NS_PER_S >= 2 * warm_s:
+            return f"for one worker it is shorter than two spans of {WARM_UPS * warm_s:.0f} s"
+        return f"it is shorter than two warm-ups of {warm_s:.0f} s"
+
     def one_go(self) -> str:
         """Return why the recording cannot be split; empty where it can."""
         recording, chain = self.plan.recording, self.plan.ready.chain
@@ -230,7 +239,7 @@ class SplitReplay:
         why = self.one_go()
         spans = [] if why else self.spans()
         if len(spans) < 2:
-            why = why or f"it is shorter than two warm-ups of {warm_up_s(plan.ready.chain):.0f} s"
+            why = why or self._too_short()
             self.report(f"{plan.recording.name} is replayed in one go: {why}")
             return plan.run(sinks, progress=progress)
         self.report(self._said(spans))
@@ -247,7 +256,8 @@ class SplitReplay:
     def _wants_signal(self) -> bool:
         """Return whether samples are wanted here: by a stage, or to judge sensors that are worn."""
         chain = self.plan.ready.chain
-        alone = [stage for stage in chain.stages if stage.name not in in_spans(chain)]
+        known = {*in_spans(chain), *measured_in_spans(chain)}
+        alone = [stage for stage in chain.stages if stage.name not in known]
         needs = [n for s in alone if isinstance(s, StageRunner) for n in s.kind.takes]
         worn = any(c.quantity in RANGES for s in self.plan.session.streams for c in s.channels)
         return worn or any(need.kind is SignalBlock for need in needs)
@@ -256,10 +266,11 @@ class SplitReplay:
         """Return in a line how a recording is split."""
         chain, recording = self.plan.ready.chain, self.plan.recording
         each_s = (recording.end_ns - recording.start_ns) / NS_PER_S / len(spans)
-        warm_s, split = warm_up_s(chain), in_spans(chain)
+        warm_s, split, measured = warm_up_s(chain), in_spans(chain), measured_in_spans(chain)
         told = f"{len(spans)} spans of {each_s:.0f} s, each after {warm_s:.0f} s of warm-up"
         alone = [stage.name for stage in chain.stages if stage.name not in split]
         rest = f"; in one go, since they depend on all before: {', '.join(alone)}" if alone else ""
+        rest += f", the signal of {', '.join(measured)} measured in spans" if measured else ""
         return f"{recording.name}: {told}, through {', '.join(split)}{rest}"
 
     def _right(self, spans: Sequence[Span]) -> Generator[SpanReplay]:

@@ -272,6 +272,28 @@ class JointPlaces:
         return float(np.median(np.abs(late - np.median(late))))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StepPeaks:
+    """Arrivals and first peaks of a step at the sensors.
+
+    Attributes
+    ----------
+    step_ns
+        The step's first arrival.
+    times_s
+        Shape (n,): arrivals [s]; NaN where a sensor has none.
+    heights
+        Shape (n,): logarithms of peaks; NaN likewise.
+    clipped
+        Shape (n,): which peaks are lower bounds.
+    """
+
+    step_ns: int
+    times_s: Array
+    heights: Array
+    clipped: Flags
+
+
 def peaks(window: Window, arrivals_s: Array, peak_s: float) -> tuple[Array, Flags]:
     """Return the logarithm of each channel's first peak, NaN where there is none, and if it clips.
 
@@ -344,12 +366,18 @@ class TimesAmplitudes(ArrayMethod):
         self._places = JointPlaces(positions, outline if len(outline) else None, self.parameters)
         return ("all",)
 
-    def examine(self, window: Window) -> Candidates:
-        """Return the place of a step."""
+    def measure(self, window: Window, *, beforehand: bool = False) -> StepPeaks:  # noqa: ARG002
+        """Return the arrivals and heights of a step."""
         heights, clipped = peaks(window, window.arrivals_s, self.parameters.peak_s)
         chosen = self._columns
-        place = self._places.locate(window.arrivals_s[chosen], heights[chosen], clipped[chosen])
-        self._found = window.step_ns, place
+        return StepPeaks(
+            window.step_ns, window.arrivals_s[chosen], heights[chosen], clipped[chosen]
+        )
+
+    def examine(self, measured: StepPeaks) -> Candidates:
+        """Return the place of a step."""
+        place = self._places.locate(measured.times_s, measured.heights, measured.clipped)
+        self._found = measured.step_ns, place
         return place_candidate(*self._found)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:

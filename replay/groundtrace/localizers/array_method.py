@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from groundtrace_codecs.events import EVENTS, Pick, StepEvent
-from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
+from ..pipeline.buffers import KEEP_NS
 from ..pipeline.parameters import measured
-from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage
+from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage, StepMeasure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -66,6 +67,10 @@ class Window:
 class ArrayMethod(Stage):
     """Examines the waveforms around steps: it measures, and its gates decide.
 
+    One that learns from steps has two methods: ``measure``, on which nothing learnt bears, and
+    ``examine``, which takes what it gave, and learns. Then parts of a recording can be measured
+    side by side. One that learns nothing examines windows.
+
     Notes
     -----
     ``Parameters`` is a dataclass that derives from :class:`ArrayParameters`; ``takes`` is
@@ -85,11 +90,31 @@ class ArrayMethod(Stage):
         """All before, where the method learns from steps; and the signal after one."""
         return Memory(None, self.parameters.after_s)
 
+    @property
+    def measured(self) -> Memory | None:
+        """The signal of a step, and the picks that are kept to look back at."""
+        if type(self).measure is ArrayMethod.measure:
+            return None
+        p = self.parameters
+        return Memory(p.before_s + 2 * KEEP_NS / NS_PER_S, p.after_s)
+
     def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Begin with a stream; return the names of the candidates' channels, none if it cannot."""
         raise NotImplementedError
 
-    def examine(self, window: Window) -> Candidates:
+    def measure(self, window: Window, *, beforehand: bool = False) -> Any:  # noqa: ARG002
+        """Return what is measured around one step, for `examine`: of the window and the site alone.
+
+        Parameters
+        ----------
+        window
+            Around the step.
+        beforehand
+            Whether it is not known yet what of it will be asked for.
+        """
+        return window
+
+    def examine(self, measured: Any) -> Candidates:
         """Return what is found around one step, in the order of (time, channel)."""
         raise NotImplementedError
 
@@ -101,7 +126,7 @@ class ArrayMethod(Stage):
         """Begin with a stream."""
         assert context.signal is not None  # it is asked for
         self._stage, self._topic = context.stage, context.topic
-        self._signal = context.signal
+        self._context = context
         names = self.prepare(context.stream, context.geometry)
         if not names:
             given = EVENTS[self.gives[0]].name
@@ -110,15 +135,27 @@ class ArrayMethod(Stage):
 
     def process(self, item: Pick | StepEvent) -> Iterable[Output]:
         """Gather picks, and examine steps."""
-        signal = self._signal
+        signal, given = self._context.signal, self._context.given
+        assert signal is not None  # it is asked for
         if isinstance(item, Pick):
-            signal.pick(item)
+            if given is None:
+                signal.pick(item)
             return ()
-        start_ns, values = signal.window(item.time_ns)
-        arrivals = signal.arrivals(item.time_ns, start_ns)
-        window = Window(item.time_ns, start_ns, signal.stream.rate_hz, values, arrivals)
-        found = self.examine(window)
-        return (*self.remarks(item.time_ns), found)
+        time_ns = item.time_ns
+        if given is not None:
+            known = given.popleft()
+            assert known.time_ns == time_ns  # spans have the steps of the whole
+            measured = known.value
+        else:
+            start_ns, values = signal.window(time_ns)
+            arrivals = signal.arrivals(time_ns, start_ns)
+            window = Window(time_ns, start_ns, signal.stream.rate_hz, values, arrivals)
+            measured = self.measure(window, beforehand=self._context.beforehand)
+        if self._context.beforehand:
+            made: Any = StepMeasure(time_ns, self._topic, self._stage, measured)
+            return (made,)
+        found = self.examine(measured)
+        return (*self.remarks(time_ns), found)
 
 
 def takes_steps(quantities: frozenset[str]) -> tuple[Input, ...]:

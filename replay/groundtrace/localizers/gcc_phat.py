@@ -241,14 +241,33 @@ class GccPhat(ArrayMethod):
         self._examined, self._open, self._said = 0, 0, False
         return names if self._compared.sum() >= 3 else ()
 
-    def examine(self, window: Window) -> Candidates:
-        """Return the arrivals of a step by correlation, and its onsets."""
+    def measure(self, window: Window, *, beforehand: bool = False) -> ArrivalsByLaw:
+        """Return a step's onsets, and its arrivals by each law that is to be tried."""
         noise = window.values[: self._quiet(window)]
         loud = _loudness(window.values[len(noise) :], noise)
         heard = np.flatnonzero((loud > 0) & self._compared)
-        parts = [self._onsets(window, loud)]
+        by_law = {}
         if len(heard) >= 3 and np.isfinite(window.arrivals_s[heard]).any():
-            parts.append(self._arrivals(window, noise, heard, loud))
+            laws = list(self._closed) if beforehand else self._tried()
+            for found in self._consistent(window, noise, heard, laws):
+                by_law[found.power] = (
+                    found.misclosure_s,
+                    self._arrivals(window, found, heard, loud),
+                )
+        return ArrivalsByLaw(self._onsets(window, loud), by_law)
+
+    def examine(self, measured: ArrivalsByLaw) -> Candidates:
+        """Return the arrivals of a step by the law that closes best so far, and its onsets."""
+        parts = [measured.onsets]
+        if measured.by_law:
+            tried = self._tried()
+            for power in tried:
+                self._closed[power].append(measured.by_law[power][0])
+            power = self._best_law() if len(tried) > 1 else tried[0]
+            misclosure_s, arrivals = measured.by_law[power]
+            self._examined += 1
+            self._open += misclosure_s > self.parameters.max_misclosure_s
+            parts.append(arrivals)
         found = Candidates.concatenate(parts)
         return found.rows(np.lexsort((found.channel, found.time_ns)))
 
@@ -266,10 +285,9 @@ class GccPhat(ArrayMethod):
         return self._candidates(window, channel, window.arrivals_s[channel], value)
 
     def _arrivals(
-        self, window: Window, noise: Array, heard: NDArray[np.intp], loud: Array
+        self, window: Window, arrived: PairArrivals, heard: NDArray[np.intp], loud: Array
     ) -> Candidates:
         """Return the arrivals by correlation at the channels that heard something."""
-        arrived = self._consistent(window, noise, heard)
         delays, pace, misfit = arrived.delays, arrived.pace, arrived.misfit_s
         ahead_s = self._ahead_s[heard]
         relative = pace * arrived.relative_s
@@ -287,12 +305,12 @@ class GccPhat(ArrayMethod):
         value[:, MISCLOSURE], value[:, POWER] = arrived.misclosure_s, arrived.power
         finest_s = pace * 2 * np.pi / self._bands[arrived.power].turn[-1] / 20
         value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(heard) - 1), finest_s)
-        self._examined += 1
-        self._open += arrived.misclosure_s > self.parameters.max_misclosure_s
         return self._candidates(window, heard, arrivals, value)
 
-    def _consistent(self, window: Window, noise: Array, heard: NDArray[np.intp]) -> PairArrivals:
-        """Return the arrivals that pairs agree on, by the law whose delays close best so far."""
+    def _consistent(
+        self, window: Window, noise: Array, heard: NDArray[np.intp], laws: Sequence[float]
+    ) -> Iterator[PairArrivals]:
+        """Yield the arrivals that pairs agree on, by each of some laws."""
         rate_hz, p = window.rate_hz, self.parameters
         if not self._bands:
             high_hz = corner(p.high_hz, rate_hz)
@@ -306,11 +324,7 @@ class GccPhat(ArrayMethod):
         rest_s = ahead_s - whole_samples(ahead_s, rate_hz) / rate_hz
         if rest_s.any():
             white *= first.advance(rest_s, rate_hz)
-        tried = list(self._closed)
-        if self._examined >= COMPARED and self._examined % AGAIN:
-            tried = [self._best_law()]
-        found = {}
-        for power in tried:
+        for power in laws:
             band = self._bands[power]
             farthest_s = self._farthest_s[np.ix_(heard, heard)]
             delays = correlated(white * np.sqrt(band.share), band, farthest_s)
@@ -318,9 +332,13 @@ class GccPhat(ArrayMethod):
             weighed = float(np.sum(delays.weight * misfit**2) / max(delays.weight.sum(), 1e-300))
             pace = (REFERENCE_HZ / p.given_hz) ** (1 - power)
             off_s = pace * float(np.sqrt(weighed))
-            self._closed[power].append(off_s)
-            found[power] = PairArrivals(power, pace, delays, relative, misfit, off_s)
-        return found[self._best_law()] if len(found) > 1 else found[tried[0]]
+            yield PairArrivals(power, pace, delays, relative, misfit, off_s)
+
+    def _tried(self) -> list[float]:
+        """Return the powers that the next step is to be measured by."""
+        if self._examined >= COMPARED and self._examined % AGAIN:
+            return [self._best_law()]
+        return list(self._closed)
 
     def _best_law(self) -> float:
         """Return the power whose delays closed best in the last steps."""
@@ -425,6 +443,23 @@ class PairArrivals:
     relative_s: Array
     misfit_s: Array
     misclosure_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArrivalsByLaw:
+    """What is measured of a step, before it is known which law holds.
+
+    Attributes
+    ----------
+    onsets
+        The picks as they came.
+    by_law
+        By the power of a law, by how much the delays of pairs are off [s], and the arrivals; none
+        where too few channels heard the step.
+    """
+
+    onsets: Candidates
+    by_law: dict[float, tuple[float, Candidates]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -165,7 +165,7 @@ class SignalBuffer:
 
     def update(self, block: SignalBlock) -> None:
         """Take the next block; forget what no step can ask for any more."""
-        self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
+        self.pass_over(block)
         self._blocks.append(block)
         if self._picks and self._kept is None:
             first_ns = self._picks[0].time_ns
@@ -177,6 +177,10 @@ class SignalBuffer:
             horizon = min(horizon, self._picks[0].time_ns - self.before_ns - spread_ns)
         while self._blocks and self._blocks[0].end_ns <= horizon:
             self._blocks.popleft()
+
+    def pass_over(self, block: SignalBlock) -> None:
+        """Take the next block where no step asks for it: only when the signal began is kept."""
+        self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
 
     def pick(self, pick: Pick) -> None:
         """Take a pick: into the group under way, or as the first of the next."""

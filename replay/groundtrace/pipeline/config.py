@@ -234,10 +234,12 @@ class Pipeline:
         resolved: str,
         check: TrackCheck | None = None,
         memories: Mapping[str, Memory] | None = None,
+        measured: Mapping[str, Memory] | None = None,
     ) -> None:
         self.config = config
-        #: By name of a stage, of how much signal its results depend on.
-        self.memories = dict(memories or {})
+        #: By name of a stage, of how much signal its results depend on; and what it measures of
+        #: steps before it learns, where it does.
+        self.memories, self.measured = dict(memories or {}), dict(measured or {})
         self.stages = tuple(stages)
         self._resolved = resolved
         self._check = check or TrackCheck(config.application, (), metric=False)
@@ -251,7 +253,8 @@ class Pipeline:
 
     def with_stages(self, stages: Sequence[Taking]) -> Pipeline:
         """Return the same pipeline with others in the place of its stages."""
-        return Pipeline(self.config, stages, self._resolved, self._check, self.memories)
+        of = self.memories, self.measured
+        return Pipeline(self.config, stages, self._resolved, self._check, *of)
 
     @property
     def memory(self) -> Memory:
@@ -279,8 +282,8 @@ class Pipeline:
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         if isinstance(item, SignalBlock):
             for stage in self.stages:
-                if isinstance(stage, StageRunner) and stage.buffers:
-                    stage.buffer(item)
+                if getattr(stage, "buffers", False):
+                    stage.buffer(item)  # type: ignore[attr-defined]
         born = [StageOutput(event) for event in begun]
         whole = StageOutput(item, list(born))
         propagate([*born, whole], self.stages[1:])
@@ -327,6 +330,7 @@ def build_pipeline(
     windows = {s.key: getattr(p, "window_s", 0.0) for s, p in zip(config.stage, given, strict=True)}
     stages, tracked = [], []
     memories: dict[str, Memory] = {}
+    measured: dict[str, Memory] = {}
     for stage, kind, parameters, sources in zip(config.stage, kinds, given, wired, strict=True):
         window_s = waits_s(stage.key, parameters, sources, windows)
         stages.append(
@@ -342,7 +346,10 @@ def build_pipeline(
             )
         )
         before = dict.fromkeys(name for names in sources.values() for name in names)
-        memories[stage.key] = stages[-1].memory.behind([memories[name] for name in before])
+        taken = [memories[name] for name in before]
+        memories[stage.key] = stages[-1].memory.behind(taken)
+        if (own := stages[-1].measured) is not None:
+            measured[stage.key] = own.behind(taken)
         if TrackPoint in kind.gives:
             tracked.append(tracking(stage.key, kind, sources))
     lines = [f"{key} = {toml_value(getattr(config, key))}" for key in RECIPE_KEYS]
@@ -354,7 +361,7 @@ def build_pipeline(
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     metric = geometry is None or geometry.unit != UNKNOWN_UNIT
     check = TrackCheck(config.application, tracked, metric=metric)
-    return Pipeline(config, stages, "\n".join(lines) + "\n", check, memories)
+    return Pipeline(config, stages, "\n".join(lines) + "\n", check, memories, measured)
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:

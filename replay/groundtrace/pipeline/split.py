@@ -1,8 +1,10 @@
 """A recording in spans: stages replay each by itself, and the spans are joined to the whole.
 
 A stage that says how far back it remembers (:class:`.stage.Memory`) is replayed span by span, each
-after a warm-up of that length. What the others need is made in one go, over the joined events, and
-the signal where they take it. So the joined replay has the events of one in one go, in their order.
+after a warm-up of that length. One that learns from all steps before, but says so of what it
+measures of a step, measures span by span, and learns in one go. What the others need is made in one
+go, over the joined events, and the signal where they take it. So the joined replay has the events
+of one in one go, in their order.
 
 That is not presumed: at each join the span before, which is known to be right, and the one after,
 which began in the middle, are compared. Runs of samples must stand alike, both must have decided
@@ -13,7 +15,7 @@ is not, the span is replayed again from earlier on, at last from the recording's
 from __future__ import annotations
 
 import copy
-from collections import defaultdict
+from collections import defaultdict, deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +26,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .gates import Candidates, GateState, Level, Refractory, decided_block
 from .source import RunBefore, Source, runs_before
-from .stage import CLOCK_STEP, Memory, StageRunner
+from .stage import CLOCK_STEP, Memory, StageRunner, StepMeasure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.signals import Stream
 
-    from .config import Pipeline
+    from .config import Pipeline, Taking
 
     #: What stages made of something: by their names, events, and what was made of these.
     Made = dict[str, list[tuple[Event, "Made"]]]
@@ -57,12 +59,25 @@ def in_spans(pipeline: Pipeline) -> tuple[str, ...]:
     )
 
 
+def measured_in_spans(pipeline: Pipeline) -> tuple[str, ...]:
+    """Return the names of the stages that learn in one go from what spans measure for them."""
+    whole = in_spans(pipeline)
+    return tuple(
+        name
+        for name, memory in pipeline.measured.items()
+        if name not in whole and None not in (memory.warm_up_s, memory.delay_s)
+    )
+
+
 def warm_up_s(pipeline: Pipeline) -> float:
     """Return how much signal is replayed before a span [s]: memory, delay, and what is compared.
 
     What was decided later than it happened is to come from the span that was on by then.
     """
-    memory = Memory.longest([pipeline.memories[name] for name in in_spans(pipeline)])
+    memories = [pipeline.memories[name] for name in in_spans(pipeline)]
+    memory = Memory.longest(
+        [*memories, *(pipeline.measured[name] for name in measured_in_spans(pipeline))]
+    )
     return (memory.warm_up_s or 0.0) + (memory.delay_s or 0.0) + CHECKED_S
 
 
@@ -245,9 +260,13 @@ def replay_span(recording: Recording, pipeline: Pipeline, span: Span) -> SpanRep
     span
         What is to be replayed.
     """
-    wanted = set(in_spans(pipeline))
+    whole, measured = set(in_spans(pipeline)), set(measured_in_spans(pipeline))
     stages = RecordedStages(
-        [s for s in pipeline.stages if isinstance(s, StageRunner) and s.name in wanted]
+        [
+            stage.beforehand() if stage.name in measured else stage
+            for stage in pipeline.stages
+            if isinstance(stage, StageRunner) and stage.name in whole | measured
+        ]
     )
     source = _source_of(recording, span)
     items: list[tuple[Unit | Gap, Made]] = []
@@ -427,6 +446,41 @@ class Played:
         return decided
 
 
+class Learning:
+    """Stands for a stage that spans measured for: it learns from that, without the signal.
+
+    Parameters
+    ----------
+    stage
+        The stage.
+    known
+        What was made of the item under way; filled by `joined`.
+    """
+
+    in_step = True
+    buffers = True
+
+    def __init__(self, stage: StageRunner, known: _Known) -> None:
+        self.name = stage.name
+        self._known = known
+        self._measures: deque[StepMeasure] = deque()
+        self._stage = stage.with_measures(self._measures)
+
+    def buffer(self, block: SignalBlock) -> None:
+        """Take a block before any stage does: only when the signal began is kept."""
+        self._stage.buffer(block)
+
+    def process(self, item: Any) -> list[Event]:
+        """Return what the stage makes of an item."""
+        made: Iterable[Any] = self._known.made.get(id(item), {}).get(self.name, ())
+        self._measures.extend(event for event, _ in made if isinstance(event, StepMeasure))
+        return self._stage.process(item)
+
+    def flush(self) -> list[Event]:
+        """Return what the stage held back at the recording's end."""
+        return self._stage.flush()
+
+
 class JoinError(Exception):
     """A stage decided otherwise in a span than in one go; the text is its name."""
 
@@ -450,11 +504,16 @@ def joined(
     signal
         What a source of the whole gives, where samples are wanted; else None.
     """
-    wanted, known = set(in_spans(pipeline)), _Known()
-    stages = [
-        Played(s, known) if isinstance(s, StageRunner) and s.name in wanted else s
-        for s in pipeline.stages
-    ]
+    known = _Known()
+    made, measured = in_spans(pipeline), measured_in_spans(pipeline)
+    stages: list[Taking] = []
+    for stage in pipeline.stages:
+        if isinstance(stage, StageRunner) and stage.name in made:
+            stages.append(Played(stage, known))
+        elif isinstance(stage, StageRunner) and stage.name in measured:
+            stages.append(Learning(stage, known))
+        else:
+            stages.append(stage)
     whole = pipeline.with_stages(stages)
     return whole, _items(known, {s.topic: s for s in streams}, spans, signal)
 

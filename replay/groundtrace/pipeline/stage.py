@@ -43,6 +43,7 @@ from .parameters import describe, given_waypoints
 from .source import NonFiniteHold
 
 if TYPE_CHECKING:
+    from collections import deque
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
@@ -107,6 +108,28 @@ def _longest(times_s: Sequence[float | None]) -> float | None:
 
 def _added(one_s: float | None, other_s: float | None) -> float | None:
     return None if one_s is None or other_s is None else one_s + other_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepMeasure:
+    """What a stage measured around a step, before anything that it learns bears on it.
+
+    Among what a span made it takes the place of an event; no other stage and no sink is given it.
+
+    Attributes
+    ----------
+    time_ns
+        Of the step.
+    topic, stage
+        Of the stage.
+    value
+        As the stage has it.
+    """
+
+    time_ns: int
+    topic: str
+    stage: str
+    value: Any
 
 
 #: A decision that asks for the time since the last one, and a group that begins where the last one
@@ -187,6 +210,10 @@ class Context:
         Of the inputs marked ``buffered``.
     tracks
         Gives numbers to tracks: none comes twice in a stage, whatever instance asks.
+    beforehand
+        Whether the stage is to yield what it measures, as :class:`StepMeasure`, and nothing else.
+    given
+        What it measured so, in order, where the signal is not there; else None.
     """
 
     stage: str
@@ -198,6 +225,8 @@ class Context:
     labels: tuple[Label, ...] = ()
     signal: SignalBuffer | None = None
     tracks: Numbers = field(default_factory=Numbers)
+    beforehand: bool = False
+    given: deque[StepMeasure] | None = None
 
     @property
     def source(self) -> StageSpec:
@@ -277,6 +306,11 @@ class Stage(Protocol):
     def memory(self) -> Memory:
         """How much of what it takes its results of a time depend on; all, where it says nothing."""
         return Memory()
+
+    @property
+    def measured(self) -> Memory | None:
+        """How much what it measures of a step depends on; None where it yields no measures."""
+        return None
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; return the channels that candidates are numbered by.
@@ -505,6 +539,8 @@ class StageRunner:
             self._from[need.kind] = None if any_stage else (*(others or ()), *(names or ()))
         self._holds = all(need.hold for need in self._signal)
         self._at_once = kind.decided is Stage.decided and not (self._signal or self._buffered)
+        self._beforehand = False
+        self._given: deque[StepMeasure] | None = None
         self._state = self._fresh_state()
 
     @property
@@ -516,6 +552,23 @@ class StageRunner:
     def memory(self) -> Memory:
         """What the stage says of how much of its inputs its results depend on."""
         return self.kind(self.parameters).memory
+
+    @property
+    def measured(self) -> Memory | None:
+        """What the stage says of how much of its inputs its measures depend on."""
+        return self.kind(self.parameters).measured
+
+    def beforehand(self) -> StageRunner:
+        """Return the same, of which nothing was seen yet, that yields what it measures alone."""
+        measuring = copy.copy(self)
+        measuring._beforehand, measuring._state = True, self._fresh_state()
+        return measuring
+
+    def with_measures(self, given: deque[StepMeasure]) -> StageRunner:
+        """Return the same, of which nothing was seen yet, that takes measures instead of signal."""
+        learning = copy.copy(self)
+        learning._given, learning._state = given, self._fresh_state()
+        return learning
 
     @property
     def buffers(self) -> bool:
@@ -535,7 +588,10 @@ class StageRunner:
         kept = buffers[topic]
         if kept is not None:
             columns, recall = kept
-            recall.update(block.select(columns))
+            if self._given is None:
+                recall.update(block.select(columns))
+            else:
+                recall.pass_over(block)
 
     def process(self, item: Item) -> list[Event]:
         """Take an item; return what it brings about."""
@@ -807,6 +863,8 @@ class StageRunner:
             self._labels,
             recall,
             self._state.tracks,
+            self._beforehand,
+            self._given,
         )
         stage = self.kind(self.parameters)
         early = [*self._state.early.pop(key, []), *self._state.early.get("", [])]

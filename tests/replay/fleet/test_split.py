@@ -27,6 +27,7 @@ from split_replays import (
 from sweeps import swept
 
 import groundtrace.fleet.split as splitting
+from groundtrace.api.replay import PlannedReplay
 from groundtrace.errors import RecordingError
 from groundtrace.fleet.engines import engine_of
 from groundtrace.fleet.split import ahead, replayed
@@ -146,6 +147,22 @@ def test_what_cannot_be_split_is_replayed_in_one_go_and_said(tmp_path: Path) -> 
     short = written(tmp_path / "short.mcap", GROUND, impacts(3, 100.0)[:20_000])
     _, _, _, said = in_spans(short, "room-steps", None)  # type: ignore[arg-type]
     assert said == ["short.mcap is replayed in one go: it is shorter than two warm-ups of 22 s"]
+
+
+def test_a_stage_that_learns_takes_what_spans_measured_and_no_signal(
+    room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, _ = in_one_go(room, "room-footsteps")
+    monkeypatch.setattr(PlannedReplay, "signal", lambda _: pytest.fail("the signal is read again"))
+    part, _, _, said = in_spans(room, "room-footsteps", 3)
+    assert_same_events(whole, part)
+    assert said[0].endswith("the signal of arrivals, times-amplitudes measured in spans")
+
+
+def test_one_worker_is_told_why_its_recording_is_replayed_in_one_go(room: Path) -> None:
+    _, _, _, said = in_spans(room, "room-steps", None, workers=1)  # type: ignore[arg-type]
+    why = "for one worker it is shorter than two spans of 438 s"
+    assert said == [f"room.mcap is replayed in one go: {why}"]
 
 
 @pytest.fixture

@@ -74,6 +74,11 @@ def away(x: float, y: float) -> np.ndarray:
     return np.hypot(*(PLACES - (x, y)).T)
 
 
+def examined(made: GccPhat, given: Window) -> Candidates:
+    """What a step is found to be, measured and then learnt from."""
+    return made.examine(made.measure(given))
+
+
 def arrivals(made: GccPhat, found: Candidates) -> np.ndarray:
     """Accepted arrivals [s], NaN where a channel has none; none has two."""
     decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
@@ -97,7 +102,7 @@ def test_arrivals_grow_with_distance_whether_waves_disperse_or_not(
 ) -> None:
     distance = away(1.3, 4.1)
     made = method(rate_hz, dispersion=power)
-    found = made.examine(window(waves(distance, rate_hz, slab=slab), distance, rate_hz))
+    found = examined(made, window(waves(distance, rate_hz, slab=slab), distance, rate_hz))
     times = arrivals(made, found)
     assert np.isfinite(times).all()
     assert times.min() >= 0.0
@@ -109,7 +114,7 @@ def test_without_dispersion_delays_are_those_of_the_waves() -> None:
     distance = away(1.3, 4.1)
     made = method(dispersion=1.0)
     clean = window(waves(distance, slab=False), distance, snr=1e4)
-    times = arrivals(made, made.examine(clean))
+    times = arrivals(made, examined(made, clean))
     # a fifth of a sample
     assert times - times.min() == pytest.approx((distance - distance.min()) / 1000.0, abs=1e-5)
 
@@ -119,7 +124,7 @@ def test_a_channel_that_no_onset_was_picked_at_gains_an_arrival() -> None:
     given = window(waves(distance), distance)
     given.arrivals_s[[2, 5]] = np.nan
     made = method()
-    times = arrivals(made, made.examine(given))
+    times = arrivals(made, examined(made, given))
     assert np.isfinite(times).all()
     assert fitted(times, distance) < 0.05
 
@@ -132,7 +137,7 @@ def test_a_dead_channel_and_one_of_noise_alone_get_none() -> None:
     given.values[:, 7] = 0.0
     given.arrivals_s[[4, 7]] = np.nan
     made = method()
-    times = arrivals(made, made.examine(given))
+    times = arrivals(made, examined(made, given))
     assert np.flatnonzero(np.isnan(times)).tolist() == [4, 7]
     assert fitted(times[np.isfinite(times)], distance[np.isfinite(times)]) < 0.05
 
@@ -142,7 +147,7 @@ def test_where_nothing_agrees_the_onsets_go_out_as_they_came() -> None:
     noise = np.random.default_rng(2).standard_normal((1400, 9)) * np.linspace(0.1, 5, 1400)[:, None]
     given = window(noise, distance)
     made = method()
-    found = made.examine(given)
+    found = examined(made, given)
     decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
     assert (found.value[decisions.accepted, ONSET] == 1).all()
     assert arrivals(made, found) == pytest.approx(given.arrivals_s - BEFORE_S, abs=1e-9)
@@ -150,8 +155,8 @@ def test_where_nothing_agrees_the_onsets_go_out_as_they_came() -> None:
 
 def test_two_walkers_at_once_contradict_each_other_more_than_one() -> None:
     one, other = away(1.3, 4.1), away(5.0, 1.0)
-    alone = method().examine(window(waves(one), one))
-    both = method().examine(window(waves(one) + 0.9 * waves(other, at_s=0.004), one))
+    alone = examined(method(), window(waves(one), one))
+    both = examined(method(), window(waves(one) + 0.9 * waves(other, at_s=0.004), one))
     height, closure = (
         [float(np.median(f.value[f.value[:, ONSET] == 0, c])) for f in (alone, both)]
         for c in (HEIGHT, CLOSURE)
@@ -163,7 +168,7 @@ def test_two_walkers_at_once_contradict_each_other_more_than_one() -> None:
 def test_gates_tell_by_how_much_and_onsets_give_way_to_what_stands() -> None:
     distance = away(1.3, 4.1)
     made = method()
-    found = made.examine(window(waves(distance), distance))
+    found = examined(made, window(waves(distance), distance))
     decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
     onset = found.value[:, ONSET] == 1
     assert onset.sum() == len(NAMES)
@@ -203,7 +208,7 @@ def test_clocks_that_are_known_to_be_off_do_not_show_but_in_the_times(rate_hz: f
     sensors = tuple(replace(s, clock_offset_s=x) for s, x in zip(SITE.sensors, ahead, strict=True))
     made = method(rate_hz)
     made.prepare(made_stream(rate_hz), Geometry(sensors))
-    times = arrivals(made, made.examine(window(late, distance, rate_hz)))
+    times = arrivals(made, examined(made, window(late, distance, rate_hz)))
     assert times.min() >= 0.0
     assert fitted(times - ahead, distance) < 0.05
 
@@ -220,7 +225,7 @@ def test_of_three_axes_at_one_place_the_vertical_is_compared() -> None:
     assert made.prepare(stream, Geometry(sensors)) == tuple(names)
     distance = away(1.3, 4.1)
     three = window(np.repeat(waves(distance), 3, axis=1), np.repeat(distance, 3))
-    found = made.examine(three)
+    found = examined(made, three)
     compared = {names[c] for c in found.channel[found.value[:, ONSET] == 0]}
     assert compared == {name for name in names if name.endswith("z")}
 
@@ -229,7 +234,7 @@ def test_of_three_axes_at_one_place_the_vertical_is_compared() -> None:
 def test_the_law_whose_delays_close_is_taken_without_being_told(slab: bool, power: float) -> None:
     made, distance = method(), away(1.3, 4.1)
     for number in range(3):
-        found = made.examine(window(waves(distance, slab=slab, at_s=1e-3 * number), distance))
+        found = examined(made, window(waves(distance, slab=slab, at_s=1e-3 * number), distance))
         row = found.value[:, ONSET] == 0
         assert set(found.value[row, POWER].tolist()) == {power}
         assert fitted(arrivals(made, found), distance) < 0.05
@@ -244,7 +249,7 @@ def test_delays_that_do_not_close_leave_the_onsets_and_are_told_once() -> None:
         noise = rng.standard_normal(waves(distance).shape)
         envelope = np.exp(-np.arange(len(noise)) / 400)[::-1, None]
         given = window(envelope * noise, distance)
-        found = made.examine(given)
+        found = examined(made, given)
         onset = found.value[:, ONSET] == 1
         decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
         assert found.value[~onset, MISCLOSURE].min() > made.parameters.max_misclosure_s

@@ -6,6 +6,7 @@ the time since the last accepted one is that since the replay's begin, where not
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from groundtrace.pipeline.engine import EventList, ReplayLoop
 from groundtrace.pipeline.gates import Refractory
 from groundtrace.pipeline.plugins import plugins, stage_named
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import Memory, StageConfig
+from groundtrace.pipeline.stage import Memory, StageConfig, StepMeasure
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.recording import LoggedBlock, Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
@@ -217,6 +218,47 @@ def test_a_replay_that_ends_by_the_delay_later_decides_as_the_whole(name: str) -
         part = decided(name, made, None, stop_ns + round(delay_s * NS_PER_S))
         compared += assert_same_span(whole, part, None, stop_ns)
     assert compared > 10
+
+
+#: Stages that learn from all before, and say on how much what they measure of a step depends.
+MEASURED = ("gcc-phat", "times-amplitudes")
+
+
+def measured(
+    name: str, made: Made, start_ns: int | None = None, stop_ns: int | None = None
+) -> dict[int, bytes]:
+    """What a stage measures of steps, by their times, in a span of signals."""
+    whole = build_pipeline(pipeline_of(name), SITE)
+    stages = [s.beforehand() if s.name == name else s for s in whole.stages]  # type: ignore[attr-defined]
+    kept = EventList()
+    source = Source(made, start_ns=start_ns, stop_ns=stop_ns, in_whole=True)
+    ReplayLoop(whole.with_stages(stages), [kept]).through(source)
+    found: list[Any] = [event for event in kept.events if isinstance(event, StepMeasure)]
+    return {one.time_ns: pickle.dumps(one.value) for one in found}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_what_is_measured_of_a_step_needs_no_more_of_the_signal_than_is_said(name: str) -> None:
+    memory = build_pipeline(pipeline_of(name), SITE).measured[name]
+    assert memory.warm_up_s is not None
+    assert memory.delay_s is not None
+    made, rng = impacts(0), np.random.default_rng(len(name))
+    whole = measured(name, made)
+    compared = 0
+    for _ in range(3):
+        start_ns = made.time_of(rng.uniform(memory.warm_up_s, 90))
+        stop_ns = start_ns + 5 * NS_PER_S
+        begin_ns = start_ns - round(memory.warm_up_s * NS_PER_S)
+        part = measured(name, made, begin_ns, stop_ns + round(memory.delay_s * NS_PER_S))
+        own = {time_ns: value for time_ns, value in whole.items() if start_ns <= time_ns < stop_ns}
+        assert {time_ns: part[time_ns] for time_ns in part if start_ns <= time_ns < stop_ns} == own
+        compared += len(own)
+    assert compared > 10
+
+
+def test_every_stage_that_measures_beforehand_is_held_to_what_it_says() -> None:
+    kinds = [(plugin.name, stage_named(plugin.name)) for plugin in plugins("stages")]
+    assert tuple(n for n, k in kinds if k(k.Parameters()).measured is not None) == MEASURED
 
 
 def test_memories_add_up_along_a_chain_and_the_longest_of_several_counts() -> None:
