@@ -30,6 +30,7 @@ from ..fleet.run import (
     truth_beside,
 )
 from ..fleet.run import shard as shard_tasks
+from ..fleet.split import LongOnes
 from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_path
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import public_arguments, write_text
@@ -87,9 +88,10 @@ def fleet(
     """Take many recordings through some pipelines, into one table.
 
     OUT holds a row for each recording and pipeline, and beside it NAME.steps.parquet one for each
-    step. A recording that cannot be replayed is a row with its error. What is done is kept in
-    NAME.parts at once, so that a run can be ended at any time and gone on with. The exit code is 0
-    if no recording failed, 3 if some did, 1 if all did.
+    step. A recording that cannot be replayed is a row with its error. Where there are more workers
+    than recordings, long ones are replayed in spans, as with replay --engine. What is done is kept
+    in NAME.parts at once, so that a run can be ended at any time and gone on with. The exit code is
+    0 if no recording failed, 3 if some did, 1 if all did.
 
     Parameters
     ----------
@@ -144,9 +146,11 @@ def fleet(
         joined, missing = join_parts(tasks, parts, out, command, partial=partial)
     else:
         mine = tasks if part is None else shard_tasks(tasks, *part)
-        runs = engine_of(engine, workers or os.cpu_count() or 1)
+        many = workers or os.cpu_count() or 1
+        runs = engine_of(engine, many)
+        here = LongOnes(runs, many, print_stderr) if len(mine) < many else (lambda _: None)
         with _resumable(mine, count, parts), progress(len(mine), "fleet", "replays") as show:
-            listed = run(mine, runs, parts, count, show, print_stderr, resume=resume)
+            listed = run(mine, runs, parts, count, show, print_stderr, resume=resume, here=here)
         joined = join(parts, listed, out, command) if part is None else None
     said = _report(out, parts, len(locations), count, joined, missing, time.perf_counter() - began)
     if json:

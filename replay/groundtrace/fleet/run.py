@@ -71,10 +71,11 @@ from .engines import OVERDUE, MisfitError
 from .table import FIGURES, FORMAT, Joined, Listed, Part, Row, StepRow, failed, join
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
-    from groundtrace_codecs.events import Label
+    from groundtrace_codecs.events import Event, Label
     from groundtrace_codecs.mcap.byte_source import ByteSource
+    from groundtrace_codecs.mcap.chunks import Damage
 
     from ..evaluation.report import Score
     from ..pipeline.config import Pipeline, PipelineConfig
@@ -154,6 +155,7 @@ def run(
     left_out: Callable[[str], None],
     *,
     resume: bool,
+    here: Callable[[Task], Done | None] = lambda _: None,
 ) -> list[Listed]:
     """Do all tasks; return what the tables are to hold, in the order of the tasks.
 
@@ -173,6 +175,8 @@ def run(
         Is told, in a line, which worker is given no task, and why.
     resume
         Leave out tasks whose parts are there.
+    here
+        Does a task in this process, or returns None where a worker is to do it.
 
     Raises
     ------
@@ -186,7 +190,7 @@ def run(
 
     keys = [""] * len(tasks)
     todo = _knowing(tasks, parts) if resume else tasks
-    for index, done in _answers(todo, engine, leave_out):
+    for index, done in _answers(todo, engine, leave_out, here):
         keys[index] = done.key
         if done.data is None:
             count.known += 1
@@ -199,10 +203,20 @@ def run(
 
 
 def _answers(
-    tasks: Sequence[Task], engine: Engine, left_out: Callable[[str], None]
+    tasks: Sequence[Task],
+    engine: Engine,
+    left_out: Callable[[str], None],
+    here: Callable[[Task], Done | None],
 ) -> Iterator[tuple[int, Done]]:
-    with closing(engine.run(evaluate, tasks, left_out)) as answers:
-        for index, done in answers:
+    others = []
+    for index, task in enumerate(tasks):
+        if (own := here(task)) is None:
+            others.append(index)
+        else:
+            yield index, own
+    with closing(engine.run(evaluate, [tasks[index] for index in others], left_out)) as answers:
+        for number, done in answers:
+            index = others[number]
             yield index, lost(tasks[index]) if done is None else done
 
 
@@ -547,8 +561,44 @@ def check_software(software: Software) -> None:
         raise MisfitError(f"{platform.node()}: {wrong}")
 
 
-def evaluate(task: Task) -> Done:
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """A recording that was replayed.
+
+    Attributes
+    ----------
+    events
+        All of them.
+    samples
+        How many samples went through.
+    damage
+        What was left out of the recording.
+    """
+
+    events: tuple[Event, ...]
+    samples: int
+    damage: Collection[Damage]
+
+
+def in_one_go(_: Task, opened: Recording, ready: Prepared) -> Replayed:
+    """Replay a recording from its begin to its end, in this process."""
+    sink = EventList()
+    items = with_warnings(Source(opened), ready.looked_at)
+    tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
+    return Replayed(tuple(sink.events), tally.samples, opened.damage)
+
+
+def evaluate(
+    task: Task, replays: Callable[[Task, Recording, Prepared], Replayed] = in_one_go
+) -> Done:
     """Replay, score and explain; whatever goes wrong becomes the row's error.
+
+    Parameters
+    ----------
+    task
+        What to do.
+    replays
+        Replays the recording.
 
     Raises
     ------
@@ -564,7 +614,7 @@ def evaluate(task: Task) -> Done:
             identity = identity_of(task)
             if identity.key in task.known:
                 return Done(identity.key)
-            part = _part(task, first_row(task, identity), identity, limit)
+            part = _part(task, first_row(task, identity), identity, limit, replays)
             sha256 = part.row.sha256 if identity.remote is None else identity.remote.sha256()
     except TimeLimitError:
         said = f"{name_of(task.location)}: expected a replay within {limit.limit_s:g} s, found none"
@@ -725,24 +775,27 @@ def _place_of(error: Exception) -> str:
     return f"{type(error).__name__}: {error}{at}{line}"
 
 
-def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
+def _part(
+    task: Task,
+    row: Row,
+    identity: Identity,
+    limit: TimeLimit,
+    replays: Callable[[Task, Recording, Prepared], Replayed],
+) -> Part:
     """Replay a recording and return all that is said about it."""
     if identity.error:
         raise RecordingError(identity.error)
     remote = identity.remote
     if remote is None and not task.path.is_file():
         raise RecordingError(f"{row.recording}: {invisible(row.host)}")
-    sink = EventList()
     with Recording.open(remote or task.path) as opened:
         limit.of_length((opened.end_ns - opened.start_ns) / NS_PER_S)
         if RUN in opened.metadata:
             raise RecordingError(f"{opened.name}: expected a recording, found results of one")
         labels, row = _with_truth(task, row, opened)
-        ready = _ready(task, opened)
-        source = Source(opened)
-        items = with_warnings(source, ready.looked_at)
-        tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
-        if not tally.samples:
+        ready = ready_for(task, opened)
+        replayed = replays(task, opened, ready)
+        if not replayed.samples:
             raise RecordingError(f"{opened.name}: expected signals to replay, found none")
         asked = build_pipeline(ready.asked, opened.geometry, opened.labels)
         row = replace(
@@ -754,9 +807,9 @@ def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
             duration_s=(opened.end_ns - opened.start_ns) / NS_PER_S,
             topics=", ".join(s.topic for s in opened.streams),
             channels=sum(len(s.channels) for s in opened.streams),
-            samples=tally.samples,
-            damaged_places=len(opened.damage),
-            lost_messages=sum(d.messages or 0 for d in opened.damage),
+            samples=replayed.samples,
+            damaged_places=len(replayed.damage),
+            lost_messages=sum(d.messages or 0 for d in replayed.damage),
             subject=_stated(opened, "subject"),
             site=_stated(opened, "site"),
         )
@@ -765,7 +818,7 @@ def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
         origin = replace(origin, pipeline=ready.chain.recipe(), placements=placements)
         given = given_to(origin.pipeline, opened.labels)
         result = Results(
-            row.recording, origin, labels, opened.geometry, tuple(sink.events), given=given
+            row.recording, origin, labels, opened.geometry, replayed.events, given=given
         )
         result = replace(result, labels=scored_truth(labels, result).labels)
     return _judged(row, result, remote or task.path)
@@ -787,7 +840,8 @@ def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, .
     return labels, replace(row, truth=source, labels=len(labels))
 
 
-def _ready(task: Task, opened: Recording) -> Prepared:
+def ready_for(task: Task, opened: Recording) -> Prepared:
+    """Return the pipeline of a task, ready for its recording."""
     toml = task.recipe.toml
     config = (
         parse_pipeline(toml.encode(), task.recipe.name)

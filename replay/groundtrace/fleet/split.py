@@ -18,8 +18,10 @@ from groundtrace_codecs.mcap.byte_source import RemoteBytes
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
+from ..api.replay import PlannedReplay
 from ..errors import GroundtraceError, RecordingError
 from ..pipeline.config import build_pipeline, parse_pipeline
+from ..pipeline.engine import EventList
 from ..pipeline.results import package_versions
 from ..pipeline.source import Source
 from ..pipeline.split import (
@@ -34,7 +36,17 @@ from ..pipeline.split import (
     warm_up_s,
 )
 from ..pipeline.stage import StageRunner
-from .run import NEVER_ENDED, Software, check_software, code_sha256, invisible, owners_of
+from .run import (
+    NEVER_ENDED,
+    Replayed,
+    Software,
+    check_software,
+    code_sha256,
+    evaluate,
+    invisible,
+    owners_of,
+    ready_for,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
@@ -43,10 +55,11 @@ if TYPE_CHECKING:
     from groundtrace_codecs.mcap.chunks import Damage
 
     from ..api.files import Report
-    from ..api.replay import PlannedReplay
+    from ..explain.suitability import Prepared
     from ..pipeline.engine import ReplayCounts, Sink
     from ..pipeline.split import JoinState, Span
     from .engines import Engine
+    from .run import Done, Task
 
 T = TypeVar("T")
 
@@ -199,6 +212,13 @@ class SplitReplay:
             count = max(1, min(most, max(wanted, self.workers)))
         return spans_of(recording, warm_s, count)
 
+    @property
+    def worth_it(self) -> bool:
+        """Whether the recording can be split, and is longer than two spans of usual length."""
+        recording, warm_s = self.plan.recording, warm_up_s(self.plan.ready.chain)
+        length_s = (recording.end_ns - recording.start_ns) / NS_PER_S
+        return not self.one_go() and length_s > 2 * WARM_UPS * warm_s
+
     def _too_short(self) -> str:
         """Return why there are fewer than two spans."""
         warm_s = warm_up_s(self.plan.ready.chain)
@@ -326,6 +346,46 @@ class SplitReplay:
             span,
             software,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class LongOnes:
+    """Does the tasks of a fleet whose recordings are long: joined here of spans.
+
+    Attributes
+    ----------
+    engine, workers, report
+        As those of :class:`SplitReplay`.
+    """
+
+    engine: Engine
+    workers: int
+    report: Report
+
+    def __call__(self, task: Task) -> Done | None:
+        """Do a task; None where its recording is short, cannot be split, or cannot be opened."""
+        try:
+            with Recording.open(opened_by(task)) as opened:
+                split = self._split(task, opened, ready_for(task, opened))
+                if not split.worth_it:
+                    return None
+        except (CodecError, GroundtraceError, OSError):  # told by the worker that is given it
+            return None
+        return evaluate(task, self._replayed)
+
+    def _split(self, task: Task, opened: Recording, ready: Prepared) -> SplitReplay:
+        plan = PlannedReplay.of(opened, task.path, ready)
+        return SplitReplay(plan, task.location, self.engine, self.workers, self.report)
+
+    def _replayed(self, task: Task, opened: Recording, ready: Prepared) -> Replayed:
+        split, sink = self._split(task, opened, ready), EventList()
+        tally = split.run([sink], signal=False, progress=lambda _: None)
+        return Replayed(tuple(sink.events), tally.samples, {*opened.damage, *split.damage})
+
+
+def opened_by(task: Task) -> Path | RemoteBytes:
+    """Return what to open the recording of a task by."""
+    return RemoteBytes(task.location) if is_url(task.location) else task.path
 
 
 #: What stands for the end of what is taken ahead.

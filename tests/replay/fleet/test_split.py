@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from command_runs import done, run
-from fleet_runs import Here
+from fleet_runs import Here, ran_fleet, use
 from split_replays import (
     GROUND,
     START_NS,
@@ -30,7 +30,8 @@ import groundtrace.fleet.split as splitting
 from groundtrace.api.replay import PlannedReplay
 from groundtrace.errors import RecordingError
 from groundtrace.fleet.engines import engine_of
-from groundtrace.fleet.split import ahead, replayed
+from groundtrace.fleet.run import Task
+from groundtrace.fleet.split import SpanTask, ahead, replayed
 from groundtrace.pipeline.config import PipelineConfig
 from groundtrace.pipeline.results import read_results
 from groundtrace.pipeline.stage import StageConfig
@@ -41,7 +42,6 @@ from groundtrace_codecs.writer import write_recording
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from groundtrace.fleet.split import SpanTask
     from groundtrace.pipeline.split import SpanReplay
 
 Capture = pytest.CaptureFixture[str]
@@ -157,6 +157,25 @@ def test_a_stage_that_learns_takes_what_spans_measured_and_no_signal(
     part, _, _, said = in_spans(room, "room-footsteps", 3)
     assert_same_events(whole, part)
     assert said[0].endswith("the signal of arrivals, times-amplitudes measured in spans")
+
+
+def test_a_fleet_with_more_workers_than_recordings_replays_long_ones_in_spans(
+    room: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(splitting, "WARM_UPS", 2)
+    written(Path("short.mcap"), GROUND, impacts(3, 150.0)[:20_000])
+    use(monkeypatch, engine := Here())
+    arguments = ("room.mcap", "short.mcap", "--pipeline", "room-footsteps")
+    whole = ran_fleet(capsys, *arguments, "--out", "a.parquet", "--workers", 2)
+    assert [type(task) for task in engine.given] == [Task, Task], "no worker has nothing to do"
+    use(monkeypatch, engine := Here())
+    part = ran_fleet(capsys, *arguments, "--out", "b.parquet", "--workers", 3)
+    assert [type(task) for task in engine.given] == [SpanTask] * 3 + [Task]
+    assert (part["digest"], part["rows"], part["errors"]) == (whole["digest"], 2, 0)
+    known = ran_fleet(
+        capsys, *arguments, "--out", "b.parquet", "--workers", 3, "--resume", "--force"
+    )
+    assert (known["known"], known["digest"]) == (2, whole["digest"])
 
 
 def test_one_worker_is_told_why_its_recording_is_replayed_in_one_go(room: Path) -> None:
