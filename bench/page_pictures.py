@@ -7,6 +7,7 @@ Needs Chromium; ``make pictures`` runs it. Each page is made by the commands of 
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
@@ -17,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pictures import DRAWN_MS, PATIENCE_MS, browsing, quietly
+from pictures import DRAWN_MS, PATIENCE_MS, browsing, quietly, shown
 
 from groundtrace_recordings import path_of
 
@@ -33,27 +34,23 @@ WALKS = ("lower-back", "phone-hand", "waist-walk")
 
 def picture(browser: Browser, url: str, png: Path, *, viewer: bool) -> None:
     """Take a picture of the top of a page; one with a viewer when that has drawn."""
-    context = browser.new_context(color_scheme="dark")
-    page = context.new_page()
-    page.set_viewport_size({"width": WIDTH, "height": VIEWER if viewer else REPORT})
-    page.set_default_timeout(PATIENCE_MS)
-    page.add_init_script("console.debug = () => {}")  # the viewer says very much
-    page.goto(url)
-    if viewer:
-        page.wait_for_selector("html[data-state=ready]")
-        page.wait_for_timeout(DRAWN_MS)
-    page.screenshot(path=png, timeout=PATIENCE_MS)
-    context.close()
+    size = (WIDTH, VIEWER if viewer else REPORT)
+    with shown(browser, url, size, "dark", viewer=viewer) as page:
+        if viewer:
+            page.wait_for_timeout(DRAWN_MS)
+        page.screenshot(path=png, timeout=PATIENCE_MS)
     print(png)
 
 
 @contextmanager
-def annotating(recording: Path) -> Iterator[str]:
-    """Serve the page of annotations of a recording; its address."""
+def serving(*asked: str) -> Iterator[str]:
+    """Run a command that serves a page, without a browser of its own; the page's address."""
     program = "from groundtrace.cli.main import main; main()"
-    asked = ("annotate", str(recording), "--serve", "--no-browser")
     with subprocess.Popen(
-        [sys.executable, "-P", "-c", program, *asked], stderr=subprocess.PIPE, text=True
+        [sys.executable, "-P", "-c", program, *asked],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"BROWSER": "true"},
     ) as process:
         try:
             said = iter(process.stderr or ())
@@ -82,7 +79,7 @@ def main() -> None:
 
         robot = Path(shutil.copy(path_of("robot.mcap"), folder))
         quietly("annotate", str(robot), "--add", "ignore@0-10", "--author", "bea")
-        with annotating(robot) as url:
+        with serving("annotate", str(robot), "--serve", "--no-browser") as url:
             picture(browser, url, target / "annotate-page.png", viewer=True)
 
 

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from groundtrace.cli.main import main as groundtrace
-from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace.pipeline.results import read_results
 from groundtrace_recordings import path_of
 from groundtrace_viewers.rerun.capture import MENU_POINTS, publishable, screenshot
 from groundtrace_viewers.rerun.moments import moments_of_results
@@ -71,8 +70,8 @@ LAYOUTS = (
     Layout("room-miss", ("room-walk",), ("--set", "picks.ratio=2000")),
     Layout("room-16", ("simulate", "room", "--channels", "16", "--seed", "4"), (), 5.0),
     Layout("heading", ("import", "broad/28_disturbed_stationary_magnet_A.mat"), (), 61.0),
-    Layout("shots", ("import", "refrapy-seg2/field_example_02/data"), (), None),
-    Layout("shots-simulated", ("simulate", "line", "--seed", "2")),
+    Layout("shots", ("import", "refrapy-seg2/field_example_02/data"), (), 2842.04),
+    Layout("shots-simulated", ("simulate", "line", "--seed", "2"), (), 10.04),
     Layout("vehicle", ("vehicle-pass",), (), 15.0),
     Layout("vehicle-passes", ("simulate", "vehicle", "--seed", "3", *STATIONS), (), 11.5),
 )
@@ -136,19 +135,6 @@ def replayed(layout: Layout, recording: Path, folder: Path) -> tuple[Path, Path]
     return rrd, results
 
 
-def opens_s(recording: Path, results: Path) -> float:
-    """Return where a page of results opens [s]."""
-    from groundtrace.pipeline.results import read_results
-
-    with Recording.open(recording) as opened:
-        found = moments_of_results(read_results(results), opened.streams)
-        shots = [label.time_ns for label in opened.labels if label.kind == "impact"]
-        if shots:
-            return (sorted(shots)[len(shots) // 2] - opened.start_ns) / NS_PER_S + 0.04
-    wrong = [moment.t_s for moment in (*found.misses, *found.events)]
-    return wrong[0] if wrong else 0.0
-
-
 @contextlib.contextmanager
 def browsing() -> Iterator[Browser]:
     """Run Chromium."""
@@ -162,15 +148,18 @@ def browsing() -> Iterator[Browser]:
 
 
 @contextlib.contextmanager
-def shown(browser: Browser, html: Path, size: tuple[int, int], scheme: Any) -> Iterator[Page]:
-    """Show a page that is one file, when it is ready."""
+def shown(
+    browser: Browser, url: str, size: tuple[int, int], scheme: Any, *, viewer: bool = True
+) -> Iterator[Page]:
+    """Show a page; one with a viewer when that is ready."""
     width, height = size
     context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.add_init_script("console.debug = () => {}")  # the viewer says very much
-    page.goto(html.resolve().as_uri())
-    page.wait_for_selector("html[data-state=ready]")
+    page.goto(url)
+    if viewer:
+        page.wait_for_selector("html[data-state=ready]")
     yield page
     context.close()
 
@@ -209,7 +198,9 @@ def main() -> None:
                 print(f"{layout.name}: {DATA / layout.source[1]} is not there")
                 continue
             rrd, results = replayed(layout, recording, asked.folder)
-            at_s = opens_s(recording, results) if layout.at_s is None else layout.at_s
+            at_s = layout.at_s
+            if at_s is None:
+                at_s = moments_of_results(read_results(results), within_s=0.0).opens_s
             for width, height in () if asked.slider else sizes:
                 png = asked.folder / f"{layout.name}-{width}x{height}.png"
                 window = (width, height + MENU_POINTS)
@@ -220,17 +211,17 @@ def main() -> None:
             if browser is None:
                 continue
             html = asked.folder / f"{layout.name}.html"
+            url = html.resolve().as_uri()
             given = ("--recording", str(recording), "--rrd", str(rrd))
             quietly("share", str(results), "-o", str(html), "--single-file", "--force", *given)
             if asked.slider:
-                with shown(browser, html, SIZES[1], "dark") as page:
+                with shown(browser, url, SIZES[1], "dark") as page:
                     if page.is_visible("#tuning"):
                         slide(page, asked.folder, layout.name)
                 continue
             for size in sizes:
                 for scheme in ("dark", "light"):
-                    with shown(browser, html, size, scheme) as page:
-                        page.goto(f"{html.resolve().as_uri()}#t={at_s}")
+                    with shown(browser, f"{url}#t={at_s}", size, scheme) as page:
                         page.wait_for_timeout(DRAWN_MS)
                         name = f"{layout.name}-page-{scheme}-{size[0]}x{size[1]}.png"
                         page.screenshot(path=asked.folder / name, timeout=PATIENCE_MS)

@@ -88,9 +88,9 @@ def test_a_later_layer_paints_over_what_holds_no_more(tmp_path: Path) -> None:
     ]
     lines = [x for _, x in shown(path, "/log/annotations", "TextLog:text")]
     assert sorted(lines) == [
-        "+1.000 s  missed (x)  withdrawn",
-        "+3.000 s  note (x)  withdrawn",
-        "+4.000 s  note (x)",
+        "1.000 s  missed (x)  withdrawn",
+        "3.000 s  note (x)  withdrawn",
+        "4.000 s  note (x)",
     ]
 
 
@@ -109,5 +109,5 @@ def test_a_replay_shows_the_annotations_of_its_session(tmp_path: Path) -> None:
     sink.close()
     assert shown(tmp_path / "r.rrd", LANE, "StateChange:state")[0] == (1.0, "false")
     assert shown(tmp_path / "r.rrd", "/log/annotations", "TextLog:text") == [
-        (1.0, "+1.000 s  false (x)")
+        (1.0, "1.000 s  false (x)")
     ]

@@ -107,7 +107,7 @@ def test_errors_beyond_what_is_claimed_are_told(tmp_path: Path) -> None:
         for i, h in enumerate(turning_headings())
     ]
     path = write_walk(tmp_path / "off.rrd", turning_truth(), *found)
-    assert lines(path) == ["+1.000 s  error +26.0°, 9.1 times the claimed σ, for 0.40 s"]
+    assert lines(path) == ["1.000 s  error +26.0°, 9.1 times the claimed σ, for 0.40 s"]
 
 
 def test_gates_are_parts_of_their_thresholds_whichever_side_passes() -> None:
@@ -122,9 +122,9 @@ def test_disturbances_are_told_by_their_gate_and_against_the_truth(tmp_path: Pat
     true = (Label(at(1.2), "disturbed", end_ns=at(1.8)), Label(at(0.1), "disturbed", at(0.3)))
     path = write_walk(tmp_path / "d.rrd", true, *turning_headings(), frames(), *spans)
     assert sorted(lines(path)) == [
-        "+0.100 s  disturbance of 0.20 s missed",
-        "+1.000 s  disturbed for 1.00 s: field 9 > 4.5 uT",
-        "+2.500 s  disturbed for 0.10 s; truth has none",
+        "0.100 s  disturbance of 0.20 s missed",
+        "1.000 s  disturbed for 1.00 s: field 9 > 4.5 uT",
+        "2.500 s  disturbed for 0.10 s; truth has none",
     ]
     _, shade = read_back(path, "/heading/disturbed", MEASURED)
     assert np.isnan(np.array(shade).ravel()[2::3]).all()

@@ -18,9 +18,11 @@ from groundtrace_codecs.events import Fix, Gap, Label, Note, StepEvent
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.rerun.moments import (
     PENDING,
+    PageMoment,
     PageMoments,
     moments_of_results,
     moments_of_session,
+    opening_s,
 )
 from groundtrace_viewers.web.annotate import RenewedMoments, replayed
 
@@ -74,6 +76,16 @@ def test_every_event_that_a_person_looks_for_is_listed_by_time() -> None:
     assert {("gap", "/seismic missing, 200 lost"), ("fix", "(1.50, 2.25) m")} <= texts
     assert ("note", "loud") in texts
     assert ("note", "chatter") not in texts
+
+
+def test_it_opens_at_what_is_wrong_first_else_at_a_step_else_at_any_event() -> None:
+    gap, step = PageMoment(0.5, "gap", "", ""), PageMoment(2.0, "step", "", "")
+    assert opening_s([gap, step], [PageMoment(9.0, "missed", "", "")]) == 9.0
+    assert opening_s([gap, step], []) == 2.0
+    assert opening_s([gap], []) == 0.5
+    assert opening_s([], []) == 0.0
+    found = moments()
+    assert found.opens_s == next(m.t_s for m in found.events if m.kind == "step")
 
 
 def test_the_page_knows_how_long_samples_and_frames_are() -> None:

@@ -188,8 +188,8 @@ def test_without_a_view_it_is_a_lane_and_a_line(tmp_path: Path) -> None:
     assert states == [["knock"], [""]] * 2
     _, lines = read_back(tmp_path / "door.rrd", "/log/knocks", "TextLog:text")
     assert [line for (line,) in lines] == [
-        "+1.000 s  3 knocks at the front door (knocks)",
-        "+3.000 s  2 knocks at the back door (knocks)",
+        "1.000 s  3 knocks at the front door (knocks)",
+        "3.000 s  2 knocks at the back door (knocks)",
     ]
 
 

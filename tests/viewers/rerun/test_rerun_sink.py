@@ -185,7 +185,7 @@ def test_truth_becomes_lanes_by_kind(room: Path) -> None:
 def test_events_are_log_lines_and_rows(room: Path) -> None:
     times, lines = read_back(room, "/log/steps", "TextLog:text")
     assert len(lines) == 7
-    assert lines[0] == ["+0.800 s  step, peak 9, 4 channels (associate)"]
+    assert lines[0] == ["0.800 s  step, peak 9, 4 channels (associate)"]
     assert times[0] == 800_000_000
     assert not len(read_back(room, "/log/picks", "TextLog:text")[0]), "they would hide the steps"
     _, levels = read_back(room, "/log/gaps", "TextLog:level")

@@ -141,8 +141,8 @@ def test_each_shot_is_one_line_of_the_log_and_no_pick_is(shots: Path) -> None:
     times, lines = read_back(shots, "/log/shots", "TextLog:text")
     np.testing.assert_array_equal(times, [s * 1e9 for s in SHOTS_S])
     assert [one[0] for one in lines] == [
-        "shot 1: 4 of 4 right; +1.000 s",
-        "shot 2: 4 of 4 right; +3.500 s",
+        "shot 1: 4 of 4 right; 1.000 s",
+        "shot 2: 4 of 4 right; 3.500 s",
     ]
     assert "/log/picks" not in rr.chunk.RrdReader(str(shots)).store().schema().entity_paths()
 
@@ -178,7 +178,7 @@ def test_a_line_says_how_many_are_right_and_the_worst(
     errors: dict[str, float | None], text: str, level: str
 ) -> None:
     timeline = Timeline(rr.RecordingStream("test"), START_NS)
-    assert line(shot_of(errors), 7, timeline) == (f"shot 7: {text}; +0.000 s", level)
+    assert line(shot_of(errors), 7, timeline) == (f"shot 7: {text}; 0.000 s", level)
 
 
 def test_a_wrong_pick_has_its_error_drawn_and_told(tmp_path: Path) -> None:

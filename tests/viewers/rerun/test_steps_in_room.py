@@ -260,7 +260,7 @@ def test_localizers_that_disagree_are_joined_by_a_line(tmp_path: Path) -> None:
     assert times.tolist() == [2_000_000_000]
     np.testing.assert_allclose(lines[0], [[[1.0, 1.0], [4.0, 1.0]]])
     _, [text] = read_back(path, "/log/disagreements", "TextLog:text")
-    assert text == ["+2.000 s  one and other disagree by 3.00 m, 21.2 sigma (disagreement)"]
+    assert text == ["2.000 s  one and other disagree by 3.00 m, 21.2 sigma (disagreement)"]
 
 
 def test_true_paths_of_two_walkers_are_apart(tmp_path: Path) -> None:

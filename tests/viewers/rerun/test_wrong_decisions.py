@@ -107,7 +107,7 @@ def test_the_lane_and_the_log_lead_to_the_missed_step(tmp_path: Path) -> None:
     expected = ["missed" if k == 2 else "hit" for k in range(len(STEPS_S))]
     assert shown == [(round(t * 1e9), s) for t, s in zip(STEPS_S, expected, strict=True)]
     times, lines = read_back(path, "/log/score", "TextLog:text")
-    assert (times.tolist(), lines) == ([2_000_000_000], [["+2.000 s  missed step"]])
+    assert (times.tolist(), lines) == ([2_000_000_000], [["2.000 s  missed step"]])
     assert read_back(path, "/log/score", "TextLog:level")[1] == [["ERROR"]]
 
 
@@ -193,7 +193,8 @@ def test_the_log_names_cause_and_remedy_of_every_wrong_step(
     rrd, explained = walk
     _, lines = read_back(rrd, "/log/score", "TextLog:text")
     for [line], missed in zip(lines, explained.missed, strict=True):
-        assert f"missed step: threshold: {missed.reason.text}; --set steps.height=" in line
+        short = missed.reason.text.partition(" (margin")[0]
+        assert f"missed step {missed.step}: {short}; --set steps.height=" in line
 
 
 def test_wrong_steps_have_a_list_of_their_own(tmp_path: Path, viewer: SharedViewer) -> None:
@@ -243,7 +244,7 @@ def test_at_a_step_that_too_few_sensors_picked_each_says_what_it_lacked(tmp_path
     assert len(words[row]) == len(missed.reason.channels), "the others have a green ring"
     assert all(word.endswith(" < 1800") for word in words[row])
     _, rings = read_back(rrd, f"{VERDICTS}/rings", "LineStrips2D:strips")
-    assert len(rings[row]) == 9
+    assert len(rings[row]) == 9 + 1, "each sensor, and where the step was"
     _, cards = read_back(rrd, CARD, "TextDocument:text")
     assert any("picked on 2 of 4 channels needed  \n" in text for [text] in cards)
     right = [one for one, row in zip(times.tolist(), words, strict=True) if not row]

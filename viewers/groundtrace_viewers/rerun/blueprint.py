@@ -26,7 +26,7 @@ from .waves import HIGH as WAVES_HIGH
 from .waves import WIDE as WAVES_WIDE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     import rerun.blueprint as rrb
@@ -52,7 +52,7 @@ WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 #: What is on the map of a walk in metres.
 ON_MAP = frozenset({"latitude", "longitude"})
 #: Parts of the window's height that the lanes' heading and each lane need.
-LANE_HEADING, LANE = 0.08, 0.03
+LANE_HEADING, LANE = 0.08, 0.033
 #: Of the height beside the time panel, a view that can be read: 100 of 690 pixels in a window of
 #: 1280 x 720.
 LEAST_ROW = 0.145
@@ -63,12 +63,12 @@ TEXTS, LEFT_WIDTH = 2.0, 0.8
 DECIDED = (0.9, 1.9)
 #: The same of words and bars that have the width of their column.
 DECIDED_ALONE = (1.0, 1.1)
-#: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker,
-#: of a vehicle.
-SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
+#: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a vehicle.
+SHOT_S, FAST_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (0.5, 0.5)
 SPECTRUM_S = (0.05, 0.25)
 HEADING_S = 5.0
-#: What a walker's wrong step is decided on, to either side of the cursor: some six steps [s].
+#: A walker's samples, and what a wrong step is decided on, to either side of the cursor: some six
+#: steps [s].
 STEPS_S = 4.0
 #: Recordings up to this are seen whole at first, of longer ones so much to either side of the
 #: cursor [s].
@@ -238,7 +238,7 @@ def _headings(session: ReplaySession, entities: Sequence[Entity]) -> rrb.Contain
     right = _parts(curves, 2.6)
     plots = [*_of(entities, "heading-error"), *_of(entities, "heading-gates")]
     right += [(whole(e, span_ns), 2.0) for e in plots]
-    rest: list[Any] = lanes_view(entities) if _of(entities, "lane") else []
+    rest: list[Any] = lanes_view(entities, span_ns) if _of(entities, "lane") else []
     rest += [view for view, _ in _worn(entities)]
     right += _parts(rest, 1.8)
     return rrb.Horizontal(_rows(left), _rows(right), column_shares=[0.55, 1.0])
@@ -296,8 +296,8 @@ def _texts(entities: Sequence[Entity]) -> list[Part]:
     tabs.append(page())
     of_step = [text(e) for e in _of(entities, "page")]
     of_step += [hodograms(e) for e in _of(entities, "hodogram")]
-    if not of_step:
-        return _parts(tabs, TEXTS)
+    if not of_step or _of(entities, "wrong"):  # the list of what is wrong needs the width
+        return _parts([*tabs[:-1], *of_step, tabs[-1]], TEXTS)
     import rerun.blueprint as rrb
 
     halves = [*_tabbed(tabs), *_tabbed(of_step)]
@@ -431,16 +431,32 @@ def _decision(entity: Entity) -> rrb.View:
 def _near(view: rrb.View) -> rrb.View:
     """Return a plot of the whole recording as one of what is about the cursor."""
     view.name = f"{view.name}, cursor ± {STEPS_S:g} s"
-    view.properties["TimeAxis"] = around(STEPS_S, STEPS_S)
+    return _followed(view, STEPS_S)
+
+
+def _followed(view: rrb.View, span_s: float) -> rrb.View:
+    """Let a plot show what there is to either side of the cursor [s], and nothing beyond the ends.
+
+    An axis that is said shows so much whatever there is; one that is not fits what is in view.
+    """
+    import rerun.blueprint as rrb
+
+    edge = rrb.TimeRangeBoundary
+    first, last = (edge.cursor_relative(seconds=s) for s in (-span_s, span_s))
+    view.properties["TimeAxis"] = rrb.TimeAxis(link=rrb.components.LinkAxis.Independent)
+    seen = rrb.VisibleTimeRange(TIMELINE, start=first, end=last)
+    view.properties["VisibleTimeRanges"] = rrb.VisibleTimeRanges([seen])
     return view
 
 
 def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> list[Part]:
     """Show the lanes, which need a fixed part of the height whatever else there is."""
-    lanes = len(_of(entities, "lane"))
-    if not lanes:
+    numbers = [lane_number(e.path) for e in _of(entities, "lane")]
+    if not numbers:
         return []
-    height = LANE_HEADING + LANE * min(lanes, most)
+    drawn = {number for number in numbers if number <= MOST_ROWS}
+    rows = max(drawn) - min(drawn) + 1 if len(drawn) > len(BY_PLACE) else 0
+    height = LANE_HEADING + LANE * max(min(len(numbers), most), rows)
     rest = sum(share for _, share in others) or 1.0
     return _parts(lanes_view(entities), rest * height / (1.0 - height))
 
@@ -452,10 +468,9 @@ def _detail(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     fast = [e for e in signals if e.rate_hz > FULL_RATE_HZ]
     slow = [e for e in signals if e.quantity in ACCELERATIONS]
     span = SHOT_S if application == "shots" else FAST_S
-    shown = [
-        samples(e, _companions(e, entities), around)
-        for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
-    ]
+    shown = [samples(e, _companions(e, entities), span) for e in fast]
+    if not fast:
+        shown = [worn_samples(e, _companions(e, entities)) for e in slow[:1]]
     decisions = [decision(e, span) for e in _of(entities, "decision")]
     shown += [whole(e, span_ns) for e in _of(entities, "rows")]
     waves = [waves_view(e) for e in _of(entities, "waves")]
@@ -523,17 +538,23 @@ def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
     """Return curves over a span from end to end, since the first sample [ns]."""
     import rerun.blueprint as rrb
 
-    first, last = (rrb.TimeRangeBoundary.absolute(nanos=t) for t in span_ns)
-    axis = rrb.TimeAxis(
-        link=rrb.components.LinkAxis.Independent, view_range=rrb.TimeRange(start=first, end=last)
-    )
     return rrb.TimeSeriesView(
         origin=entity.path,
         name=entity.title,
-        axis_x=axis,
+        axis_x=end_to_end(span_ns),
         axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)) if entity.top else None,
         plot_legend=no_legend(),
         overrides=_drawn(entity),
+    )
+
+
+def end_to_end(span_ns: tuple[int, int]) -> rrb.TimeAxis:
+    """Return a time axis of its own over a span since the first sample [ns]."""
+    import rerun.blueprint as rrb
+
+    first, last = (rrb.TimeRangeBoundary.absolute(nanos=t) for t in span_ns)
+    return rrb.TimeAxis(
+        link=rrb.components.LinkAxis.Independent, view_range=rrb.TimeRange(start=first, end=last)
     )
 
 
@@ -575,6 +596,12 @@ def samples(entity: Entity, companions: Sequence[Entity], span_s: tuple[float, f
         plot_legend=no_legend(),
         overrides=_drawn(entity),
     )
+
+
+def worn_samples(entity: Entity, companions: Sequence[Entity]) -> rrb.View:
+    """Return every sample of a worn sensor around the cursor, as far as what is decided on it."""
+    view = samples(entity, companions, (STEPS_S, STEPS_S))
+    return _followed(view, STEPS_S)
 
 
 def _sampled(entity: Entity, companions: Sequence[Entity], span: str) -> str:
@@ -651,13 +678,14 @@ def headings_view(entities: Sequence[Entity]) -> rrb.View:
 
     curves = ", ".join(e.title for e in entities)
 
-    return rrb.TimeSeriesView(
+    view = rrb.TimeSeriesView(
         origin=HEADING,
+        contents=ALIGNED,
         name=f"Heading [°], cursor ± {HEADING_S:g} s: {curves}",
-        axis_x=around(HEADING_S, HEADING_S),
         axis_y=rrb.ScalarAxis(range=(-TURN, TURN)),
         plot_legend=no_legend(),
     )
+    return _followed(view, HEADING_S)
 
 
 def dial(entity: Entity) -> rrb.View:
@@ -681,7 +709,7 @@ def bars(entity: Entity) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=(-200.0, 200.0), y_range=(-16.0, entity.top + 8.0)
+            x_range=(-150.0, 150.0), y_range=(-16.0, entity.top + 16.0)
         ),
     )
 
@@ -742,11 +770,22 @@ def text(entity: Entity) -> rrb.View:
     return rrb.TextDocumentView(origin=entity.path, name=entity.title)
 
 
-def lanes_view(entities: Sequence[Entity]) -> list[rrb.View]:
-    """Return the lanes as a plot that lines up with the others, and by their names."""
+def lanes_view(
+    entities: Sequence[Entity], span_ns: tuple[int, int] | None = None
+) -> list[rrb.View]:
+    """Return the lanes as a plot that lines up with the others, and by their names.
+
+    Parameters
+    ----------
+    entities
+        What was logged.
+    span_ns
+        What is shown, since the first sample [ns]; None stands for that of the common axis.
+    """
     import rerun.blueprint as rrb
 
-    states = rrb.StateTimelineView(origin="/state", name="States and truth", time_view=linked())
+    axis = linked() if span_ns is None else end_to_end(span_ns)
+    states = rrb.StateTimelineView(origin="/state", name="States and truth", time_view=axis)
     paths = [e.path for e in _of(entities, "lane") if lane_number(e.path) <= MOST_ROWS]
     if not paths:
         return [states]
@@ -764,12 +803,24 @@ def lanes_view(entities: Sequence[Entity]) -> list[rrb.View]:
     plot = rrb.TimeSeriesView(
         origin=LANES,
         contents=ALIGNED,
-        name=" · ".join(f"{height} {text}" for height, text in rows.items()),
-        axis_x=linked(),
+        name=_lane_names(rows),
+        axis_x=axis,
         axis_y=rrb.ScalarAxis(range=(below - 0.5, max(rows) + 0.5)),
         plot_legend=no_legend(),
     )
     return [plot, states]
+
+
+#: Lanes are numbered where there are more than these.
+BY_PLACE = ("above: ", "below: ")
+
+
+def _lane_names(rows: Mapping[int, str]) -> str:
+    """Return which lane is which: by number, or of two, whose numbers have no room, by place."""
+    where = [f"{height} " for height in rows]
+    if len(rows) <= len(BY_PLACE):
+        where = list(BY_PLACE) if len(rows) == len(BY_PLACE) else [""]
+    return " · ".join(f"{place}{text}" for place, text in zip(where, rows.values(), strict=True))
 
 
 def log(origin: str = "/log", name: str = "Events") -> rrb.View:

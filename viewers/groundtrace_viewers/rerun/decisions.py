@@ -52,6 +52,7 @@ from .timeline import (
     STEP,
     STEP_COLOURS,
     THRESHOLD,
+    TRUTH,
     TYPE_COLOURS,
     VALLEY,
     WALKER_COLOURS,
@@ -1036,6 +1037,7 @@ def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/t
             continue
         name = TOGETHER.get(label.kind, label.kind)
         colours = {name: SPAN, "ignore": IGNORED, "disturbed": DISTURBED} | kinds | walkers
+        colours |= {"step": TRUTH}  # green would say that it was found
         lane = lanes.setdefault(name, Lane(timeline, f"{root}/{name}", colours))
         shown = label.label if label.label in kinds and label.kind == name else label.kind
         if label.kind in ("step", "impact") and label.target in walkers:

@@ -62,6 +62,8 @@ if TYPE_CHECKING:
 
 #: Length of a frame where no detector has any [s].
 NO_FRAME_S = 0.01
+#: Kinds of events that a page steps through, and shows before all others.
+STEPPED = frozenset({"step", "impact", "pass", "crossing"})
 #: Levels of notes that a page shows.
 LOUD = frozenset({"WARN", "ERROR"})
 #: So long a page waits for causes and remedies before it opens [s]. Chosen by judgement: those of
@@ -166,7 +168,7 @@ class PageMoments:
     events, misses
         In the order of time.
     opens_s
-        Where the page opens [s]; None stands for the first wrong decision, or event.
+        Where a page, or a notebook, opens [s], see :func:`opening_s`.
     live
         True while the replay is running: there will be more.
     pending
@@ -191,7 +193,7 @@ class PageMoments:
     truth: bool
     events: tuple[PageMoment, ...]
     misses: tuple[WrongMoment, ...]
-    opens_s: float | None = None
+    opens_s: float = 0.0
     live: bool = False
     pending: int = 0
     curves: tuple[ThresholdCurve, ...] = ()
@@ -237,6 +239,8 @@ def moments_of_results(
         *_wrong_picks(evidence),
         *_wrong_passes(evidence, results.events),
     )
+    listed = sorted((m for m in found if m is not None), key=_order)
+    wrong = sorted(misses, key=_order)
     return PageMoments(
         results.provenance.recording,
         results.provenance.sha256,
@@ -250,12 +254,31 @@ def moments_of_results(
         _channels(evidence, streams),
         steps,
         any(label.kind in ("step", "pick", "pass") for label in evidence.labels),
-        tuple(sorted((m for m in found if m is not None), key=_order)),
-        tuple(sorted(misses, key=_order)),
+        tuple(listed),
+        tuple(wrong),
+        opens_s=opening_s(listed, wrong),
         pending=sum(miss.text == PENDING for miss in misses),
         curves=threshold_curves(evidence, TOLERANCE_S) if misses else (),
         pipeline=results.provenance.pipeline,
     )
+
+
+def opening_s(events: Sequence[PageMoment], misses: Sequence[PageMoment]) -> float:
+    """Return where to look first: at what went wrong first, else what a page steps through [s].
+
+    Parameters
+    ----------
+    events, misses
+        In the order of time.
+
+    Returns
+    -------
+    The time of the first wrong decision; without one of the first event of :data:`STEPPED`, without
+    that of the first event, and 0 without any.
+    """
+    stepped = [event for event in events if event.kind in STEPPED]
+    first = next(iter((*misses, *stepped, *events)), None)
+    return 0.0 if first is None else first.t_s
 
 
 def moments_of_session(
@@ -271,7 +294,7 @@ def moments_of_session(
     session, events
         Of the replay.
     at_ns
-        Where the page opens [ns]; None stands for the first event.
+        Where the page opens [ns]; None stands for where the moments say, see :func:`opening_s`.
     within_s
         As of :func:`moments_of_results`.
     """

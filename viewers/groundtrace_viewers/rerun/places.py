@@ -67,7 +67,7 @@ FIX_KEY = f"{FIXES}/key"
 POINTS_S, CROSSES_S = {POINTS: 3.0, ELLIPSES: 0.5}, {CROSSES: 12.0, CROSS_ELLIPSES: 1.0}
 CORNERS = 33
 #: The key stands above the site, this far up the margin.
-FIX_MARGIN = 1.0
+FIX_MARGIN = 0.88
 
 
 #: A cross as one line, from tip to tip through the middle.

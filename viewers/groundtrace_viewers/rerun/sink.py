@@ -254,7 +254,7 @@ class RerunSink:
 
     @property
     def _opens_ns(self) -> int | None:
-        """Where a page opens [ns]; None stands for the first event."""
+        """Where a page opens [ns]; None stands for where its moments say."""
         return None
 
     def _go_to_first_event(self) -> None:

@@ -98,12 +98,12 @@ class Entity:
 SINGLES = "samples"
 #: Around a site, as parts of its extent: at the sides, and above and below; of a room, whose key of
 #: localizers has two rows.
-SIDE, MARGIN, ROOM_MARGIN = 0.1, 0.17, 0.24
+SIDE, MARGIN, ROOM_MARGIN = 0.1, 0.17, 0.32
 #: The key of a site goes this much beyond its sides.
 WIDER = 1.4
 #: So many names have room beside each other; where there are more, every other one stands lower by
 #: this part of the margin.
-ROW, LOWER = 4, 0.42
+ROW, LOWER = 4, 0.46
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +250,7 @@ class Timeline:
     def seconds(self, time_ns: int) -> str:
         """Return a time as text: seconds since the start."""
         since = time_ns - self._start_ns
-        return f"{since / 1e9:+.3f} s"
+        return f"{since / 1e9:.3f} s"
 
 
 def scalar_column(values: NDArray[np.floating]) -> rr.ComponentColumn:
@@ -536,7 +536,7 @@ FIRST_ROW, APART, ROW_WIDTH = 8.0, 0.34, 6.0
 LANES = "/lanes"
 #: A curve without values, from the first sample to the last: it keeps the axes of plots to what is
 #: shown, so that they line up.
-AXIS, AXIS_NS, MOST_ON_AXIS = "/time-axis", NS_PER_S // 2, 20_000
+AXIS, AXIS_NS, MOST_ON_AXIS = "/time-axis", NS_PER_S // 20, 20_000
 PLACING = frozenset({"fix", "bearing", "disagreement"})
 
 

@@ -164,7 +164,12 @@ class WrongSteps(View):
         GatesPlot(context.timeline, evidence, context.span_ns).log(wrong)
         self._log_bands(evidence, wrong)
         if context.session.geometry is not None:
-            SensorVerdicts(context.timeline, context.session.geometry).log(decisions)
+            true = {
+                label.time_ns: (label.x_m, label.y_m)
+                for label in context.session.labels
+                if label.kind == "step" and label.x_m is not None and label.y_m is not None
+            }
+            SensorVerdicts(context.timeline, context.session.geometry, true).log(decisions)
 
     def _log_bands(self, evidence: Evidence, wrong: Sequence[Verdict]) -> None:
         """Log wrong steps as bands over what worn sensors felt, and over what was decided on."""
@@ -271,7 +276,9 @@ def _log_lines(
     for one in wrong:
         decision = said.get((one.verdict, one.time_ns))
         why = one.text if decision is None else decision.line
-        text = f"{timeline.seconds(one.time_ns)}  {one.verdict} step{f': {why}' if why else ''}"
+        which = f" {decision.step}" if decision is not None and decision.step else ""
+        said_of = f"{one.verdict} step{which}{f': {why}' if why else ''}"
+        text = f"{timeline.seconds(one.time_ns)}  {said_of}"
         lines.add("score", one.time_ns, text, "ERROR" if one.verdict == "missed" else "WARN")
 
 
@@ -291,6 +298,8 @@ class Decision:
         What the gates said of the candidate; empty where there was none.
     silent
         Why each channel that did not pick a missed step has no pick, its name first.
+    step
+        The number of a missed step, as ``why --step`` takes it; 0 of other decisions.
     """
 
     time_ns: int
@@ -301,11 +310,13 @@ class Decision:
     effect: str = ""
     gates: tuple[GateReading, ...] = ()
     silent: tuple[str, ...] = ()
+    step: int = 0
 
     @property
     def line(self) -> str:
-        """The cause and what mends it, in a line."""
-        return f"{self.cause}; {self.remedy}" if self.remedy.startswith("--set") else self.cause
+        """Cause and what mends it, in a line; of a value and its threshold no more than both."""
+        cause = self.cause.removeprefix("threshold: ").partition(" (margin")[0]
+        return f"{cause}; {self.remedy}" if self.remedy.startswith("--set") else cause
 
     @property
     def card(self) -> str:
@@ -359,7 +370,7 @@ def _missed(evidence: Evidence, one: Missed, explained: StepExplanation, place: 
         text = text.partition(f": {channel}")[0]
     cause = f"{one.reason.cause}: {text}"
     gates, silent = one.reason.readings, one.reason.channels
-    return Decision(time_ns, "missed", title, cause, remedy, effect, gates, silent)
+    return Decision(time_ns, "missed", title, cause, remedy, effect, gates, silent, one.step)
 
 
 def _false(
@@ -446,7 +457,7 @@ def doublings(value: float, threshold: float, *, passed: bool) -> float:
 REACH = 2.0
 CARD, BARS, MARGINS = "/decision-at-cursor", "/gates-at-cursor", "/gates-over-time"
 #: Height of a row of bars, half a bar's width, half a bar's length, and where words stand.
-ROW, HALF_BAR, HALF_LENGTH, NAME_AT, VALUE_AT = 20.0, 4.5, 45.0, -112.0, 112.0
+ROW, HALF_BAR, HALF_LENGTH, NAME_AT, VALUE_AT = 26.0, 4.5, 45.0, -104.0, 104.0
 #: A label stands below its point: so much above the row it is centred on it.
 LABEL_UP = 8.0
 GROOVE = 0x23282EFF
@@ -503,7 +514,7 @@ class DecisionCard:
         )
         self._timeline.static(f"{BARS}/scale", scale)
         self._send_bars(times, gates)
-        self._send_words("names", NAME_AT, times, gates, _limit)
+        self._send_words("names", NAME_AT, times, gates, lambda gate: gate.gate)
         self._send_words("values", VALUE_AT, times, gates, _value)
 
     def _send_bars(self, times: Sequence[int], gates: Sequence[tuple[GateReading, ...]]) -> None:
@@ -554,16 +565,23 @@ VERDICTS = f"{SITE}/verdicts"
 class SensorVerdicts:
     """Rings the sensors at a step that too few of them picked: green where picked, else red.
 
+    Red is, too, where the step was.
+
     Parameters
     ----------
     timeline
         Where to.
     geometry
         Has their places.
+    true
+        Where true steps were [m], by their time [ns], as far as it is known.
     """
 
-    def __init__(self, timeline: Timeline, geometry: Geometry) -> None:
+    def __init__(
+        self, timeline: Timeline, geometry: Geometry, true: Mapping[int, tuple[float, float]]
+    ) -> None:
         self._timeline = timeline
+        self._true = true
         self._place = {sensor.channel: (sensor.x, sensor.y) for sensor in geometry.sensors}
         places = np.array(list(self._place.values()))
         self._extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
@@ -611,9 +629,13 @@ class SensorVerdicts:
             said = [text for text in decision.silent if text.startswith(f"{channel} ")]
             if said:
                 why[channel] = _short(said[0].removeprefix(f"{channel} "))
+        here = self._true.get(decision.time_ns)
         return [
-            Ring(place, MISSED if channel in why else ACCEPTED, why.get(channel, ""))
-            for channel, place in self._place.items()
+            *(
+                Ring(place, MISSED if channel in why else ACCEPTED, why.get(channel, ""))
+                for channel, place in self._place.items()
+            ),
+            *([] if here is None else [Ring(here, MISSED, "")]),
         ]
 
 
@@ -624,17 +646,11 @@ def _short(text: str) -> str:
 
 
 class Ring(NamedTuple):
-    """A ring about a sensor: where [m], its colour, and what it lacks; nothing where it picked."""
+    """A ring: where [m], its colour, and what a sensor lacks; nothing where it lacks nothing."""
 
     place: tuple[float, float]
     colour: int
     text: str
-
-
-def _limit(gate: GateReading) -> str:
-    """Return a gate's name and threshold; which side passes follows from the margin's sign."""
-    at_least = (gate.value >= gate.threshold) == gate.passed
-    return f"{gate.gate} {'≥' if at_least else '≤'} {readable(gate.threshold, 3)}"
 
 
 def value_text(gate: GateReading, digits: int = 4) -> str:
@@ -645,8 +661,11 @@ def value_text(gate: GateReading, digits: int = 4) -> str:
 
 
 def _value(gate: GateReading) -> str:
-    margin = f" ({readable(gate.margin, 2, '+')})" if np.isfinite(gate.value) else ""
-    return f"{value_text(gate, 3)}{margin}"
+    """Return a gate's value beside its threshold: short, since a name has the same room."""
+    if not np.isfinite(gate.value):
+        return value_text(gate)
+    sign = "≥" if gate.value >= gate.threshold else "<"
+    return f"{value_text(gate, 3)} {sign} {readable(gate.threshold, 3)}"
 
 
 #: Shapes of gates in their plot, with what the title calls them.
@@ -690,7 +709,7 @@ class GatesPlot:
         key = " ".join(
             f"{sign} {gate.name}" for gate, (_, sign) in zip(gates, SHAPES, strict=False)
         )
-        title = f"Gates, doublings above the threshold: {key}; below 0 fails; missed: red band"
+        title = f"Gates, doublings over threshold: {key}; below 0 fails"
         end = REACH + 0.5
         self._timeline.declare(Entity(MARGINS, "margins", title, len(gates), top=end, bottom=-end))
         level = rr.SeriesLines(names="threshold", colors=np.array([OUTLINE], np.uint32))

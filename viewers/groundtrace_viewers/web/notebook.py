@@ -53,8 +53,8 @@ def show(
     height
         Of the widget [px]; it is as wide as its cell.
     at_s
-        Where its cursor stands [s since the first sample]; None stands for the first wrong
-        decision, and leaves it where nothing is known to be wrong.
+        Where its cursor stands [s since the first sample]; None stands for where a page opens:
+        the first wrong decision, else the first step or event.
 
     Returns
     -------
@@ -68,8 +68,10 @@ def show(
     widget_class = _widget_class()
     # what replays is not imported with the package
     from groundtrace.api.files import recording_of
+    from groundtrace.pipeline.results import read_results
 
     from ..rerun.blueprint import layout_of
+    from ..rerun.moments import moments_of_results
     from ..rerun.timeline import TIMELINE
     from .share import timeline_file
     from .summary import sources_of
@@ -85,20 +87,10 @@ def show(
     widget = widget_class(width="auto", height=height)
     for part in parts:
         widget.send_rrd(part)
-    at_s = _first_wrong_s(path) if at_s is None else at_s
-    if at_s is not None:
-        widget.set_time_ctrl(TIMELINE, duration_nanos=round(at_s * 1e9), play=False)
+    if at_s is None:
+        at_s = moments_of_results(read_results(path), within_s=0.0).opens_s  # when, not why
+    widget.set_time_ctrl(TIMELINE, duration_nanos=round(at_s * 1e9), play=False)
     return widget
-
-
-def _first_wrong_s(results: Path) -> float | None:
-    """Return when the first decision was wrong [s since the first sample]; None where none is."""
-    from groundtrace.pipeline.results import read_results
-
-    from ..rerun.moments import moments_of_results
-
-    found = moments_of_results(read_results(results), within_s=0.0)  # when, not why
-    return min((wrong.t_s for wrong in found.misses), default=None)
 
 
 def _widget_class() -> Any:

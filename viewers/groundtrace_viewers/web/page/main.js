@@ -277,11 +277,9 @@ class Page {
     setInterval(() => this.watch(), 2000);
   }
 
-  /** Return where the page opens [s]: where its address says, else at what went wrong first. */
+  /** Return where the page opens [s]: where its address says, else where the moments do. */
   opening() {
-    const { opens_s, truth, misses } = this.moments;
-    const first = truth ? misses[0]?.t_s : undefined;
-    return this.link.asked() ?? opens_s ?? first ?? this.jumps.beyond(-1, true) ?? 0;
+    return this.link.asked() ?? this.moments.opens_s;
   }
 
   tell_duration() {
