@@ -1,7 +1,7 @@
 """How long a page takes to its first picture, in headless Chromium: docs/page.md.
 
 A recording of ten minutes of 16 channels at 20 kHz is simulated, replayed, and served from this
-machine; then a page is opened some times. Beside it stands the same viewer with nothing to show:
+machine; then a page is opened some times, in turn with one whose viewer has one plot of one curve:
 what its own start takes. Without a graphics card all of it is drawn by the processor.
 
 Run: python bench/first_picture.py [--minutes 10] [--runs 3] [--folder FOLDER]
@@ -13,20 +13,25 @@ import argparse
 import base64
 import contextlib
 import io
+import os
 import statistics
 import tempfile
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 from pictures import browsing, quietly
 from PIL import Image
 
 from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.recording import Recording
 from groundtrace_viewers.rerun.moments import OPENING_S, moments_of_results
+from groundtrace_viewers.rerun.timeline import TIMELINE
 from groundtrace_viewers.web.server import address, listen, new_token, page_app, run
 
 if TYPE_CHECKING:
@@ -97,6 +102,18 @@ def opened(browser: Browser, url: str) -> dict[str, float]:
     return times | {"picture": picture - began}
 
 
+def bare(path: Path) -> None:
+    """Write a viewer's file with one curve of 1000 points in one plot."""
+    recording = rr.RecordingStream("groundtrace-bare", recording_id="bare")
+    plot = rrb.TimeSeriesView(origin="/curve", name="One curve")
+    recording.save(path, default_blueprint=rrb.Blueprint(plot, collapse_panels=True))
+    curve = np.random.default_rng(1).standard_normal(1000)
+    times = rr.TimeColumn(TIMELINE, duration=np.arange(1000) * 0.01)
+    recording.send_columns("/curve", [times], rr.Scalars.columns(scalars=curve))
+    recording.flush()
+    recording.disconnect()
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -114,19 +131,30 @@ def main() -> None:
             if not path.with_suffix(".rrd").exists():
                 out = ("--out", str(path.with_suffix(".results.mcap")), "--force")
                 quietly("replay", str(path), "--rrd", str(path.with_suffix(".rrd")), *out)
-        browser = stack.enter_context(browsing())
-        print(f"{'':24}{'compiled':>10}{'started':>10}{'opened':>10}{'picture':>10}{'MB':>8}")
+        pages: dict[str, tuple[Path, str]] = {}
         for name, path in (("5 s", short), (f"{asked.minutes:g} min", whole)):
             with Recording.open(path) as recording:
                 results = read_results(path.with_suffix(".results.mcap"))
                 moments = moments_of_results(results, recording.streams, within_s=OPENING_S)
             rrd = path.with_suffix(".rrd")
             url = stack.enter_context(served(rrd, moments.json()))
-            runs = [opened(browser, url) for _ in range(asked.runs)]
-            columns = ("viewer-compiled", "viewer-started", "recording-opened", "picture")
-            cells = [statistics.median(one[column] for one in runs) for column in columns]
+            pages[f"{name}, 16 x 20 kHz"] = rrd, url
+        nothing = replace(moments, duration_s=10.0, events=(), misses=(), curves=(), opens_s=5.0)
+        rrd = folder / "bare.rrd"
+        bare(rrd)
+        pages["one curve"] = rrd, stack.enter_context(served(rrd, nothing.json()))
+        browser = stack.enter_context(browsing())
+        columns = ("viewer-compiled", "viewer-started", "recording-opened", "picture")
+        runs: dict[str, list[dict[str, float]]] = {name: [] for name in pages}
+        for _ in range(asked.runs):  # in turn, so that what else runs is the same for all
+            for name, (_, url) in pages.items():
+                runs[name].append(opened(browser, url))
+        print(f"{'':24}{'compiled':>10}{'started':>10}{'opened':>10}{'picture':>10}{'MB':>8}")
+        for name, (rrd, _) in pages.items():
+            cells = [statistics.median(one[column] for one in runs[name]) for column in columns]
             size = rrd.stat().st_size / 1e6
-            print(f"{name + ', 16 x 20 kHz':24}", *(f"{s:9.2f}" for s in cells), f"{size:7.1f}")
+            print(f"{name:24}", *(f"{s:9.2f}" for s in cells), f"{size:7.1f}")
+        print("load", *(f"{load:.1f}" for load in os.getloadavg()))
 
 
 if __name__ == "__main__":

@@ -62,7 +62,8 @@ def looked_at(page: Page, name: str) -> None:
             cells = [len(found["passes"]), *(counts[impact] for impact in IMPACTS), wide]
             print(f"{name:22}{width:6}  {scheme:6}", *(f"{cell:9}" for cell in cells), flush=True)
             for one in found["violations"]:
-                print(f"    {one['impact']}: {one['id']}, {len(one['nodes'])} places")
+                where = ", ".join(node["target"][0] for node in one["nodes"])
+                print(f"    {one['impact']}: {one['id']} at {where}")
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ import re
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from viewer_sessions import write_walker
 
@@ -50,6 +51,28 @@ def test_the_page_refers_to_nothing_but_its_own_files_and_puts_text_in_as_text()
         assert not names(r"https?://", text)
         assert not names(r"innerHTML|insertAdjacentHTML|document\.write|\beval\(", text)
     assert not names(r"<script>|style=\"|onclick=", replay_page())
+
+
+#: Of words, and what they stand on. Of what cannot be pressed the contrast is no matter.
+WORDS = ("text", "faint", "accent", "step", "missed", "false", "pick", "fix", "mark", "strong")
+GROUNDS = ("ground", "panel", "raised", "here")
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of ``#rrggbb`` (WCAG 2.1)."""
+    parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+@pytest.mark.parametrize("theme", [0, 1], ids=["dark", "light"])
+def test_all_words_of_the_panel_can_be_read_on_all_its_grounds(theme: int) -> None:
+    blocks = names(r":root \{([^}]*)\}", page_file("style.css").decode())
+    colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6});", blocks[theme]))
+    for word in WORDS:
+        for ground in GROUNDS:
+            low, high = sorted((luminance(colours[word]), luminance(colours[ground])))
+            assert (high + 0.05) / (low + 0.05) >= 4.5, f"{word} on {ground}"
 
 
 def test_a_page_without_a_server_brings_its_policy() -> None:
