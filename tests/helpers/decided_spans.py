@@ -57,4 +57,7 @@ def _columns(
         columns[key] = {
             n: np.concatenate([np.atleast_1d(getattr(p, n)) for p in parts]) for n in names
         }
+        if hasattr(parts[0], "end_ns"):  # what lasts, as far as it lasts in the span
+            ends = np.array([part.end_ns for part in parts], np.int64)
+            columns[key]["end_ns"] = ends if stop_ns is None else np.minimum(ends, stop_ns)
     return columns

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from groundtrace_codecs.events import Quantity, StepEvent
-from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Curve, Input, Measured, Stage
-from .body_signals import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
-from .trace import FrameTrace, trace_of
+from ..pipeline.stage import Context, Curve, Input, Measured, Memory, Stage
+from .body_signals import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, SHIFTED_S, WalkingSignal
+from .trace import TRACE, FrameTrace, trace_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,7 +49,10 @@ class _State:
 
 
 class ZeroCrossingDetector(Stage):
-    """A step is an upward zero crossing between a deep enough valley and a high enough lobe."""
+    """A step is an upward zero crossing between a deep enough valley and a high enough lobe.
+
+    A lobe lasts for a period of the high-pass at most: what is slower is no swing of a step.
+    """
 
     Parameters = CrossingParameters
     takes = (Input(SignalBlock, frozenset({"acceleration"})),)
@@ -68,6 +71,11 @@ class ZeroCrossingDetector(Stage):
 
     def __init__(self, parameters: CrossingParameters) -> None:
         self.parameters = parameters
+
+    @property
+    def memory(self) -> Memory:
+        """All before, where a valley begins; and the longest lobe after a crossing."""
+        return Memory(None, 1 / self.parameters.gravity_hz + SHIFTED_S).behind([TRACE])
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""
@@ -107,7 +115,7 @@ class ZeroCrossingDetector(Stage):
         self, block: SignalBlock, signal: NDArray[np.float64], turns: NDArray[np.intp]
     ) -> Candidates:
         """Walk through the changes of sign; every end of a lobe completes its crossing."""
-        state = self.state
+        state, longest_ns = self.state, NS_PER_S / self.parameters.gravity_hz
         rows: list[tuple[int, float, float]] = []
         start = 0
         for turn in turns:
@@ -117,7 +125,8 @@ class ZeroCrossingDetector(Stage):
                 state.crossed_ns = _crossing_ns(block, signal, int(turn))
                 state.depth = lobe
             elif state.crossed_ns is not None:
-                rows.append((state.crossed_ns - state.walking.delay_ns, lobe, state.depth))
+                if _crossing_ns(block, signal, int(turn)) - state.crossed_ns <= longest_ns:
+                    rows.append((state.crossed_ns - state.walking.delay_ns, lobe, state.depth))
                 state.crossed_ns = None
         state.extreme = float(np.abs(signal[1 + start :]).max(initial=state.extreme))
         values = np.array([row[1:] for row in rows], np.float32).reshape(-1, 2)

@@ -22,7 +22,7 @@ from groundtrace_codecs.signals import G0_MPS2, NS_PER_S, SignalBlock
 
 from .. import kernels
 from ..pipeline.gates import Candidates
-from ..pipeline.stage import CannotStart, Context, Input, Stage
+from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage
 from .attitude import (
     Attitude,
     AttitudeNoise,
@@ -30,7 +30,7 @@ from .attitude import (
     HeadingFrames,
     HeadingParameters,
 )
-from .frames import Samples, SensorAligner, columns_of_axes, frame_of
+from .frames import PATIENCE_NS, Samples, SensorAligner, columns_of_axes, frame_of
 from .heading_baselines import AzimuthKalman, Exponential, turn_about_vertical
 from .magnetometer import (
     COLUMNS,
@@ -409,6 +409,12 @@ class HeadingStage(Stage):
     def filter(self, rate_hz: float) -> HeadingFilter:
         """Return a filter of samples at a rate [Hz]."""
         raise NotImplementedError
+
+    @property
+    def memory(self) -> Memory:
+        """All before, by which the filter knows; and the frame, other sensors, and what joins."""
+        p = self.parameters
+        return Memory(None, p.frame_s + PATIENCE_NS / NS_PER_S + p.join_s)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin with a gyroscope."""

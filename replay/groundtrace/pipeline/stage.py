@@ -77,7 +77,8 @@ class Memory:
     delay_s
         Nor on where it ended, where that was at least so long after [s]; None: on all that came
         after. Left out are smoothed tracks, in which all that was replayed of a track counts, and
-        the first steps of a track that later ones made one.
+        the first steps of a track that later ones made one. What lasts and is on then, as a vehicle
+        that is heard or a field that is disturbed, ends where the replay ends.
     """
 
     warm_up_s: float | None = None
@@ -1176,7 +1177,7 @@ if TYPE_CHECKING:
 
 
 #: Accepted cycles no further apart are of one span [ns].
-_BRIDGE_NS = NS_PER_S
+BRIDGE_NS = NS_PER_S
 
 
 @dataclass(slots=True)
@@ -1220,7 +1221,7 @@ class PresenceIntervals:
         for time_ns, channel, value, accepted in rows:
             self._space(channel, time_ns)
             known = self.open.get(channel)
-            if known is not None and time_ns - known.last_ns > _BRIDGE_NS:
+            if known is not None and time_ns - known.last_ns > BRIDGE_NS:
                 yield self._ended(block.spec, channel)
                 known = None
             if accepted and known is None:

@@ -24,10 +24,19 @@ from scipy import signal, special
 from groundtrace_codecs.events import Presence, Quantity
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
-from ..dsp.filters import StreamingFilter, bandpass, corner, planar
+from ..dsp.filters import StreamingFilter, bandpass, corner, forgotten_s, planar
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Frames, Input, Measured, PresenceIntervals, Stage
+from ..pipeline.stage import (
+    BRIDGE_NS,
+    Context,
+    Frames,
+    Input,
+    Measured,
+    Memory,
+    PresenceIntervals,
+    Stage,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -51,6 +60,8 @@ _LEAST_PART = 0.5
 #: A block [ns], and how many a running median takes. Chosen by judgement: a footstep shakes for 0.1
 #: to 0.2 s and a door for 0.3 s, a vehicle of 20 m/s at 5 m for half a second and more.
 BLOCK_NS, _MEDIAN = NS_PER_S // 10, 7
+#: Order of the band-pass. Chosen by judgement: steep enough that wind below it counts little.
+_ORDER = 4
 #: Over its median a block counts so much at most. Chosen by trial: with 3, the courses of 12
 #: vehicles that fade over 0.5 m err by 2.45 m at 90 %, with 8 by 1.76 m, with no limit by 1.84 m.
 _LIMIT = 8.0
@@ -129,7 +140,7 @@ class CyclePower:
         self.cycle_ns = round(cycle_s * NS_PER_S)
         self._least = max(4, round(_LEAST_PART * cycle_s * rate_hz))
         self._least_block = max(1, round(_LEAST_PART * rate_hz * BLOCK_NS / NS_PER_S))
-        self._filter = StreamingFilter(bandpass(low_hz, high_hz, rate_hz, order=4))
+        self._filter = StreamingFilter(bandpass(low_hz, high_hz, rate_hz, order=_ORDER))
         self._times = np.empty(0, np.int64)
         self._samples = np.empty((channels, 0))
         self._next: int | None = None
@@ -423,7 +434,7 @@ class PresenceFeatures:
         self.rate_hz, self.band_hz = rate_hz, (low_hz, high_hz)
         self.cycle_ns = round(cycle_s * NS_PER_S)
         self.window = round(window_s * rate_hz)
-        self._filter = StreamingFilter(bandpass(low_hz, high_hz, rate_hz, order=4))
+        self._filter = StreamingFilter(bandpass(low_hz, high_hz, rate_hz, order=_ORDER))
         self._times = np.empty(0, np.int64)
         self._samples = np.empty((channels, 0))
 
@@ -506,6 +517,15 @@ class VehiclePresence(Stage):
     def __init__(self, parameters: PresenceParameters) -> None:
         self.parameters = parameters
         self.spans = PresenceIntervals()
+
+    @property
+    def memory(self) -> Memory:
+        """That of the filters, and of the floor or the shape; and what ends a span."""
+        p = self.parameters
+        filtered_s = forgotten_s(p.low_hz, p.high_hz, _ORDER)
+        held_s = max(p.floor_s, p.window_s) + 2 * p.cycle_s
+        told_s = p.cycle_s + (_MEDIAN // 2 + 1) * BLOCK_NS / NS_PER_S
+        return Memory(filtered_s + held_s, told_s + p.cycle_s + BRIDGE_NS / NS_PER_S)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is heard on its own."""

@@ -35,7 +35,7 @@ from groundtrace.fleet.split import SpanTask, ahead, replayed
 from groundtrace.pipeline.config import PipelineConfig
 from groundtrace.pipeline.results import read_results
 from groundtrace.pipeline.stage import StageConfig
-from groundtrace_codecs.events import Gap, Note
+from groundtrace_codecs.events import Gap, Note, Presence
 from groundtrace_codecs.signals import SignalBlock
 from groundtrace_codecs.writer import write_recording
 
@@ -84,6 +84,22 @@ def test_a_walk_in_spans_is_decided_as_in_one_go(
     assert_same_events(whole, part)
     assert any(isinstance(event, Gap) for event in whole) == bool(missing)
     assert split.again <= len(missing)
+
+
+def test_vehicles_are_heard_in_spans_and_their_passes_found_in_one_go(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    samples = rng.normal(size=(300_000, 9))
+    for at in rng.uniform(0, 290_000, 25).astype(int):  # some are on where spans meet
+        swell = np.hanning(rng.integers(2000, 9000))[:, None]
+        part = samples[at : at + len(swell)]
+        part += 6 * swell[: len(part)] * rng.normal(size=part.shape)
+    path = written(tmp_path / "road.mcap", GROUND, (samples * 100).astype(np.int32))
+    whole, _ = in_one_go(path, "vehicle-passes")
+    part, _, split, said = in_spans(path, "vehicle-passes", 2)
+    assert_same_events(whole, part)
+    assert split.again == 0
+    assert "through presence; in one go" in said[0]
+    assert sum(isinstance(event, Presence) for event in whole) > 20
 
 
 def test_stages_in_one_go_may_stand_between_those_in_spans(tmp_path: Path) -> None:

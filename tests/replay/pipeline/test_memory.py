@@ -23,7 +23,7 @@ from groundtrace.pipeline.source import Source
 from groundtrace.pipeline.stage import Memory, StageConfig, StepMeasure
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.recording import LoggedBlock, Recording
-from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
+from groundtrace_codecs.signals import NS_PER_S, QUANTITIES, Channel, SignalBlock, Stream
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ BEFORE = {
     "crossing": ("toa-cv", "coincidence", "bearings"),
     "disagreement": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
     "covariance-intersection": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
+    "vehicle-presence": (),
 }
 #: Stages that depend on all before, and say how much after a time: by what must be before each.
 ALL_BEFORE = {
@@ -57,6 +58,9 @@ ALL_BEFORE = {
     "power-law": ("toa-cv", "coincidence"),
     "self-calibrating": ("toa-cv", "coincidence"),
     "times-amplitudes": ("toa-cv", "coincidence"),
+    "zc": (),
+    "compass": (),
+    "vqf": (),
 }
 #: Those whose tracks at the end of a replay are not those of the whole: see Memory.
 TRACKERS = {"reckoning", "walkers"}
@@ -146,6 +150,36 @@ def waist() -> Made:
         return Made(replace(blocks[0].stream), np.concatenate([samples] * 4))
 
 
+@cache
+def turned() -> Made:
+    """The bundled walk with its field, four times: a sensor of the body that is turned."""
+    with Recording.open(path_of("waist-walk.mcap")) as recording:
+        parts: dict[str, list[SignalBlock]] = {}
+        for block in Source(recording, topics={"/imu/waist", "/mag/waist"}):
+            if isinstance(block, SignalBlock):
+                parts.setdefault(block.topic, []).append(block)
+    body, field = (np.concatenate([b.values for b in parts[t]]) for t in sorted(parts))
+    twice = np.repeat(field, 2, axis=0)[: len(body)]
+    streams = [parts[topic][0].stream for topic in sorted(parts)]
+    channels = tuple(replace(c, unit=QUANTITIES[c.quantity]) for s in streams for c in s.channels)
+    both = np.concatenate([body[: len(twice)], twice], axis=1)
+    return Made(replace(streams[0], channels=channels), np.concatenate([both] * 4))
+
+
+@cache
+def driven(seed: int) -> Made:
+    """Two geophones beside a road for 300 s: vehicles of any loudness, some of them long."""
+    rng = np.random.default_rng(seed)
+    rate, count = 200.0, 60_000
+    noise = rng.normal(size=(count, 2)) * np.exp(np.cumsum(rng.normal(0, 0.002, count)))[:, None]
+    for at in rng.uniform(0, count, 40).astype(int):
+        length = int(rng.uniform(1, 12) * rate)
+        swell = np.hanning(length)[: count - at, None] * rng.lognormal(1.5, 0.7)
+        noise[at : at + length] += swell * rng.normal(size=(len(swell), 2))
+    channels = tuple(Channel(name, "ground_velocity", "m/s") for name in ("A", "B"))
+    return Made(Stream("/road", channels, rate), (noise * 100).astype(np.int32))
+
+
 def pipeline_of(name: str) -> PipelineConfig:
     before = (BEFORE | ALL_BEFORE)[name]
     return PipelineConfig("p", stage=tuple(StageConfig(use) for use in (*before, name)))
@@ -165,8 +199,12 @@ def decided(
 
 
 def signals_of(name: str) -> list[Made]:
-    if name in {"rest-swing", "adaptive", "dp"}:
+    if name in {"rest-swing", "adaptive", "dp", "zc"}:
         return [waist(), *map(shaken, range(3))]
+    if name in {"compass", "vqf"}:
+        return [turned()]
+    if name == "vehicle-presence":
+        return [driven(seed) for seed in range(2)]
     return [room(), *map(impacts, range(2))]
 
 
