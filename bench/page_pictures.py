@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -53,10 +52,16 @@ def serving(*asked: str) -> Iterator[str]:
         env=os.environ | {"BROWSER": "true"},
     ) as process:
         try:
-            said = iter(process.stderr or ())
-            yield next(found.group() for line in said if (found := re.search(r"http://\S+", line)))
+            said: list[str] = []
+            for line in process.stderr or ():
+                said.append(line)
+                if found := re.search(r"http://\S+", line):
+                    break
+            else:
+                raise SystemExit(f"groundtrace {' '.join(asked)}: {''.join(said)}")
+            yield found.group()
         finally:
-            process.send_signal(signal.SIGINT)
+            process.terminate()  # an interrupt is ignored by what runs in the background
 
 
 def main() -> None:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PIL import Image
+
 from groundtrace.cli.main import main as groundtrace
 from groundtrace.pipeline.results import read_results
 from groundtrace_recordings import path_of
@@ -33,6 +35,8 @@ FLAGS = ("--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader
 PATIENCE_MS = 120_000
 #: The first picture of the viewer's plots is drawn so long after it says that it is ready [ms].
 DRAWN_MS = 12_000
+#: Between the pictures of a sheet [px].
+APART = 10
 DATA = Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
 
 
@@ -165,16 +169,22 @@ def shown(
 
 
 def slide(page: Page, folder: Path, name: str) -> None:
-    """Take six pictures of a threshold that is moved from end to end."""
+    """Take six pictures of a threshold that is moved from end to end, on one sheet."""
     last = int(page.get_attribute("#tuning-value", "max") or 0)
     now = int(page.input_value("#tuning-value"))
-    for number, value in enumerate((now, 0, last // 4, last // 2, 3 * last // 4, last)):
+    taken = []
+    for value in (now, 0, last // 4, last // 2, 3 * last // 4, last):
         move = "(e, v) => { e.value = v; e.dispatchEvent(new Event('input')); }"
         page.locator("#tuning-value").evaluate(move, value)
-        target = folder / f"{name}-slider-{number + 1}.png"
-        page.locator("#tuning").screenshot(path=target, timeout=PATIENCE_MS)
+        png = page.locator("#tuning").screenshot(timeout=PATIENCE_MS)
+        taken.append(Image.open(io.BytesIO(png)).convert("RGB"))
         said = page.text_content("#tuning-setting"), page.text_content("#tuning-counts")
-        print(target.name, *said, sep="  ")
+        print(f"{name}, {len(taken)}", *said, sep="  ")
+    width, height = max(one.width for one in taken), max(one.height for one in taken)
+    sheet = Image.new("RGB", (3 * width + 2 * APART, 2 * height + APART), "#2a3235")
+    for place, one in enumerate(taken):
+        sheet.paste(one, (place % 3 * (width + APART), place // 3 * (height + APART)))
+    sheet.save(folder / f"{name}-slider.png", optimize=True)
 
 
 def main() -> None:

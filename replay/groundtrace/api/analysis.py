@@ -269,9 +269,24 @@ class Explanation:
             )
         chain: tuple[Chain, ...] = getattr(self.details, "chain", ())
         recording = recording_at(self.recording, self.sha256, self.places)
-        texts = (f"{self.recording}: {self.heading}", self.text)
+        said = "\n".join(filter(None, (self.text, self._mended())))
+        texts = (f"{self.recording}: {self.heading}", said)
         around = AROUND_S if around_s is None else around_s
         return plot_moment(recording, self.time_s, chain, texts, self.steps, around)
+
+    def _mended(self) -> str:
+        """Return the remedy, and what it does to the recording; empty without one."""
+        remedy = self.answer.remedy
+        if remedy is None:
+            return ""
+        before, after = remedy.before, remedy.after
+        changes = (
+            ("right", before.tp, after.tp),
+            ("missed", before.fn, after.fn),
+            ("false", before.fp, after.fp),
+        )
+        effect = ", ".join(f"{what} {old} → {new}" for what, old, new in changes)
+        return " ".join(f"--set {setting}" for setting in remedy.settings) + f": {effect}"
 
     def __repr__(self) -> str:
         if self.answer.time_ns is None:

@@ -78,7 +78,7 @@ def plot_moment(
     chain
         Candidates about it.
     texts
-        What stands above: a heading, and the reason.
+        What stands above: a heading, and the reason with what mends it, a line each.
     steps
         Those that are drawn.
     around_s
@@ -110,7 +110,8 @@ def plot_moment(
         draw_steps(axes[0], steps, time_s, around_s)
         heading, reason = texts
         figure.suptitle(heading, x=0.01, ha="left", weight="bold")
-        axes[0].set_title(textwrap.fill(reason, LINE), loc="left", fontsize=11, weight="normal")
+        said = "\n".join(textwrap.fill(line, LINE) for line in reason.splitlines())
+        axes[0].set_title(said, loc="left", fontsize=11, weight="normal")
         _draw_gates(axes[1], nearest)
     return axes
 
@@ -162,7 +163,7 @@ def draw_signal(
     for column in alike:
         label = samples.channels[column] if len(alike) <= MOST_NAMES else None
         axes.plot(samples.time_s, samples[:, column], lw=1, label=label)
-    axes.set_xlim(time_s - around_s, time_s + around_s)
+    axes.set_xlim(max(time_s - around_s, 0.0), min(time_s + around_s, recording.duration_s))
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{stream.topic} [{stream.units[0]}]")
 

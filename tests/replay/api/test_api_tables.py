@@ -171,7 +171,10 @@ def test_objects_are_frozen(walk: gt.Results) -> None:
 def test_a_moment_is_drawn_with_its_gates(walk: gt.Results) -> None:
     why = walk.why(walk.misses[0].step)
     signal, gates = why.plot()
-    assert " ".join(signal.get_title(loc="left").split()) == why.text
+    [(name, value)], missed = why.remedy.items(), (why.before.fn, why.after.fn)
+    mended = f"--set {name}={value}: right {why.before.tp} → {why.after.tp}, "
+    said = " ".join(signal.get_title(loc="left").split())
+    assert said.startswith(f"{why.text} {mended}missed {missed[0]} → {missed[1]}, false ")
     assert signal.figure.get_suptitle() == f"waist-walk.mcap: {why.heading}"
     names = [text.get_text() for text in signal.get_legend().get_texts()]
     assert {"acc_x", "candidate, rejected", "step", "missed step"} <= set(names)

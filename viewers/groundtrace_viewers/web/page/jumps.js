@@ -62,8 +62,9 @@ export class Jumps {
   fill() {
     const words = this.words.toLowerCase().split(/\s+/).filter(Boolean);
     this.shown = this.all.filter((moment) => {
+      if (!words.length || !this.shown_kinds.has(moment.kind)) return this.shown_kinds.has(moment.kind);
       const text = `${moment.kind} ${moment.stage} ${moment.text}`.toLowerCase();
-      return this.shown_kinds.has(moment.kind) && words.every((word) => text.includes(word));
+      return words.every((word) => text.includes(word));
     });
     this.rows = this.shown.slice(0, MOST_ROWS).map((moment) => this.row(moment));
     const rest = this.shown.length - this.rows.length;
