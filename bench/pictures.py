@@ -1,10 +1,13 @@
 """Pictures of every layout at both sizes, to be looked at: one PNG per layout, size and viewer.
 
 Native is the viewer without a screen; with ``--browser`` also the page in headless Chromium, in
-dark and light; with ``--slider`` six pictures of a threshold that is tried in place. Recordings of
-others (``GROUNDTRACE_DATA``) are named, and left out, where they are not there.
+dark and light; with ``--slider`` six pictures of a threshold that is tried in place; with
+``--sizes`` none, but how large each viewer's file is, whole and without what shows decisions at the
+cursor. Recordings of others (``GROUNDTRACE_DATA``) are named, and left out, where they are not
+there.
 
 Run: python bench/pictures.py FOLDER [--only NAME] [--size 1280x720] [--browser] [--slider]
+[--sizes]
 """
 
 from __future__ import annotations
@@ -13,10 +16,12 @@ import argparse
 import contextlib
 import io
 import os
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import rerun as rr
 from PIL import Image
 
 from groundtrace.cli.main import main as groundtrace
@@ -24,6 +29,7 @@ from groundtrace.pipeline.results import read_results
 from groundtrace_recordings import path_of
 from groundtrace_viewers.rerun.capture import MENU_POINTS, publishable, screenshot
 from groundtrace_viewers.rerun.moments import moments_of_results
+from groundtrace_viewers.rerun.process import viewer_program
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -187,6 +193,22 @@ def slide(page: Page, folder: Path, name: str) -> None:
     sheet.save(folder / f"{name}-slider.png", optimize=True)
 
 
+#: What shows a decision at the cursor, and lines plots up: beginnings of paths, and names within.
+AT_CURSOR = ("/decision-at-cursor", "/gates-", "/waves", "/rows", "/shots", "/lanes", "/time-axis")
+AT_CURSOR += ("/heading-", "/log/score", "/log/shots", "/map/site/verdicts")
+BANDS = {"missed", "false"}
+
+
+def without_decisions(rrd: Path) -> int:
+    """Return how large a viewer's file is without what shows decisions at the cursor [bytes]."""
+    paths = [str(path) for path in rr.chunk.RrdReader(str(rrd)).store().schema().entity_paths()]
+    asked = [viewer_program(), "rrd", "filter", rrd]
+    for path in paths:
+        if path.startswith(AT_CURSOR) or not BANDS.isdisjoint(path.split("/")):
+            asked += ["--drop-entity", path]
+    return len(subprocess.run(asked, capture_output=True, check=True).stdout)
+
+
 def main() -> None:
     """Draw all that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -195,6 +217,7 @@ def main() -> None:
     parser.add_argument("--size", help="one size instead of both")
     parser.add_argument("--browser", action="store_true")
     parser.add_argument("--slider", action="store_true")
+    parser.add_argument("--sizes", action="store_true")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
     sizes = [tuple(map(int, asked.size.split("x")))] if asked.size else SIZES
@@ -208,6 +231,10 @@ def main() -> None:
                 print(f"{layout.name}: {DATA / layout.source[1]} is not there")
                 continue
             rrd, results = replayed(layout, recording, asked.folder)
+            if asked.sizes:
+                size, less = rrd.stat().st_size, without_decisions(rrd)
+                print(f"{layout.name:18}{size / 1e6:8.2f} MB{less / 1e6:8.2f} MB", flush=True)
+                continue
             at_s = layout.at_s
             if at_s is None:
                 at_s = moments_of_results(read_results(results), within_s=0.0).opens_s
