@@ -88,7 +88,7 @@ def answerable_places(labels: Sequence[Label], fixes: Sequence[Fix]) -> Places:
     truth = true_places(labels)
     if not len(truth) or not fixes or not has_vehicles(labels):
         return truth
-    return places_at(truth, np.array([fix.time_ns for fix in fixes], np.int64))
+    return places_at(truth, np.sort(np.array([fix.time_ns for fix in fixes], np.int64)))
 
 
 def score_positions(

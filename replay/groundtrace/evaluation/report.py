@@ -65,7 +65,7 @@ _NAMED = tuple(each.name for each in fields(Score) if each.name != "others")
 
 @dataclass(frozen=True, slots=True)
 class ResultEvents:
-    """What a result has to say, by kind of truth, in the order of its events.
+    """What a result has to say, by kind of truth, in the order of its stages, then of its events.
 
     Attributes
     ----------
@@ -125,6 +125,7 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
         kind = EVENTS.get(type(event))
         if kind is not None and kind.truth:
             found[kind.name].append(event)
+    found = {name: in_stage_order(those, events) for name, those in found.items()}
     specs = [event for event in events if isinstance(event, StageSpec)]
     emitted = {spec.emits for spec in specs}
     last = {spec.emits: spec.stage for spec in specs}
@@ -172,8 +173,28 @@ def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ..
     )
 
 
+def in_stage_order(found: Iterable[E], events: Iterable[Event]) -> list[E]:
+    """Return events by the place of their stage in the pipeline, each stage's as they came.
+
+    Parameters
+    ----------
+    found
+        Some of the events.
+    events
+        All events, among them what stages state, in the order of the pipeline. A stage that states
+        nothing is before all others.
+    """
+    stated = (event.stage for event in events if isinstance(event, StageSpec))
+    rank = {stage: place for place, stage in enumerate(dict.fromkeys(stated))}
+
+    def place(event: E) -> int:
+        return rank.get(str(getattr(event, "stage", "")).removesuffix(SMOOTHED), -1)
+
+    return sorted(found, key=place)
+
+
 def last_word(events: Sequence[E]) -> list[E]:
-    """Return the events of the stage that was the last to give its first one."""
+    """Return the events of the last stage, as :func:`in_stage_order` has them."""
     by = [str(getattr(event, "stage", "")) for event in events]
     stages = list(dict.fromkeys(by))
     return [event for event, stage in zip(events, by, strict=True) if stage == stages[-1]]

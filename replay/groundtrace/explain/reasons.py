@@ -74,19 +74,23 @@ def links(evidence: Evidence, part: StageEvidence, start_ns: int, end_ns: int) -
 
 
 def locating(evidence: Evidence, stage: str = "") -> StageEvidence:
-    """Return the evidence of the stage that locates by arrivals: the named one, else the last.
+    """Return the evidence of a stage that locates by arrivals: the named one, else the last.
+
+    Where the last stage of all that locates makes one place of what others found, the last is that
+    of these others.
 
     Raises
     ------
     RecordingError
         Where there is none.
     """
-    uses = {config.key: config.use for config in evidence.config.stage}
-    parts = [
-        p for p in evidence.stages if p.spec.emits == "fix" and by_arrivals(uses[p.spec.stage])
-    ]
+    configs = {config.key: config for config in evidence.config.stage}
+    fixing = [p for p in evidence.stages if p.spec.emits == "fix"]
+    parts = [p for p in fixing if by_arrivals(configs[p.spec.stage].use)]
     names = list(dict.fromkeys(p.spec.stage for p in parts))
-    wanted = stage or (names[-1] if names else "")
+    members = configs[fixing[-1].spec.stage].source if fixing else ()
+    made_of = [name for name in names if name in members] or names
+    wanted = stage or (made_of[-1] if made_of else "")
     found = [p for p in parts if p.spec.stage == wanted]
     if not found:
         expected = f"one of {', '.join(names)}" if names else "a stage that located steps"

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Flags = NDArray[np.bool_]
+    Index = NDArray[np.intp]
 
 #: Paces [s/m], constant errors of arrivals [s], and by what part of their way they err, and decays
 #: and errors of logarithms of heights that are tried. Chosen by judgement: 170 to 4000 m/s;
@@ -67,14 +68,15 @@ FREEDOM = 3.0
 #: Nodes along the room that weights are found at, and places. Chosen by judgement: half a metre
 #: tells floors apart.
 COARSE, FINE = 14, 28
-#: All floors. Source: definition.
-EVERY = slice(None), slice(None)
 #: Passes of reweighting, and the least distance [m]. Chosen by judgement: passes settle in four;
 #: beside a sensor the laws have no limit.
 PASSES, NEAREST_M = 4, 0.15
-#: Floors that count less than this part of the likeliest one are left out of a place. Chosen by
-#: judgement.
-LEAST_WEIGHT = 0.02
+#: Floors that count less than this part of the likeliest one are left out of a place; a law is
+#: given up for the rest of the recording where no floor with it has a weight whose logarithm is
+#: above this. Chosen by judgement: one impact does not bring a floor back from there.
+LEAST_WEIGHT, GIVEN_UP = 0.02, -40.0
+#: No likelihood is lower, so that each has a logarithm. Source: definition.
+LEAST_LIKELIHOOD = 1e-300
 #: The peak is looked for from so long before the arrival on [s], where it is so much over the
 #: noise. Chosen by judgement: an arrival by correlation may lie behind its onset.
 EARLY_S, OVER_NOISE = 5e-4, 2.0
@@ -123,12 +125,22 @@ class FloorWeights:
         """The weights themselves, at most 1."""
         return np.asarray(np.exp(self.log - self.log.max()))
 
-    def learn(self, times: Array, heights: Array) -> None:
-        """Take in an impact: log likelihoods by time and by height, (..., q) each."""
+    def above(self, log: float) -> tuple[Index, Index]:
+        """Return which laws of time and of height are part of a floor that weighs so much."""
+        counted = self.log > log
+        return np.flatnonzero(counted.any(axis=1)), np.flatnonzero(counted.any(axis=0))
+
+    def learn(self, times: Array, heights: Array, floors: tuple[Index, Index]) -> None:
+        """Take in an impact: log likelihoods by time and by height, (..., q) each, of some floors.
+
+        The others are given up.
+        """
         t_most, h_most = times.max(axis=1, keepdims=True), heights.max(axis=1, keepdims=True)
         evidence = np.exp(times - t_most) @ np.exp(heights - h_most).T
-        self.log += np.log(np.maximum(evidence, 1e-300)) + t_most + h_most.T
-        self.log -= self.log.max()
+        log, some = np.full_like(self.log, -np.inf), np.ix_(*floors)
+        log[some] = self.log[some] + t_most + h_most.T
+        log[some] += np.log(np.maximum(evidence, LEAST_LIKELIHOOD))
+        self.log = log - log.max()
 
 
 def time_logs(times_s: Array, u: Array, floors: Array) -> Array:
@@ -212,14 +224,19 @@ class JointPlaces:
         picks = int(np.isfinite(times_s).sum())
         if picks < LEAST_PICKS:
             return no_location(picks)
-        self.weights.learn(*self._logs(times_s, heights, clipped, COARSE))
-        weight = self.weights.weight
-        rows, cells = np.nonzero(weight >= LEAST_WEIGHT)
+        known = self.weights.above(GIVEN_UP)
+        self.weights.learn(*self._logs(times_s, heights, clipped, COARSE, known), known)
+        counted = self.weights.above(np.log(LEAST_WEIGHT))
         area = lattice(self.positions, self.outline, 1.0, FINE)
-        logs = np.add(*self._logs(times_s, heights, clipped, FINE, (rows, cells)))
-        likely = np.exp(logs - logs.max(axis=1, keepdims=True))
+        by_time, by_height = (
+            np.exp(logs - logs.max(axis=1, keepdims=True))
+            for logs in self._logs(times_s, heights, clipped, FINE, counted)
+        )
         # a floor's weight has this impact in it: within it the nodes share
-        share = (weight[rows, cells] / likely.sum(axis=1)) @ likely
+        weight = self.weights.weight
+        floors = np.where(weight >= LEAST_WEIGHT, weight, 0.0)[np.ix_(*counted)]
+        floors /= np.maximum(by_time @ by_height.T, LEAST_LIKELIHOOD)
+        share = (by_time * (floors @ by_height)).sum(axis=0)
         share /= share.sum()
         mean = share @ area.nodes
         off = area.nodes - mean
@@ -235,19 +252,18 @@ class JointPlaces:
         heights: Array,
         clipped: Flags,
         nodes: int,
-        some: tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[slice, slice] = EVERY,
+        floors: tuple[Index, Index],
     ) -> tuple[Array, Array]:
         """Return the log likelihoods by some floors at the nodes of a lattice."""
         p = self.parameters
         distance = np.maximum(lattice(self.positions, self.outline, 1.0, nodes).u, NEAREST_M)
         heard, high = np.isfinite(times_s), np.isfinite(heights)
         times, u = times_s[heard] - times_s[heard].min(), distance[heard] ** p.exponent
-        by_time = time_logs(times, u, BY_TIME[some[0]])
-        floors = BY_HEIGHT[some[1]]
+        by_time = time_logs(times, u, BY_TIME[floors[0]])
         if high.sum() < LEAST_PICKS:
-            return by_time, np.zeros((len(floors), distance.shape[1]))
+            return by_time, np.zeros((len(floors[1]), distance.shape[1]))
         level, log_d = (heights - self.gains)[high], np.log(distance[high])
-        return by_time, height_logs(level, clipped[high], log_d, floors)
+        return by_time, height_logs(level, clipped[high], log_d, BY_HEIGHT[floors[1]])
 
     def _learn_gains(self, share: Array, heights: Array, clipped: Flags, floor: int) -> None:
         """Take in what heights are off at a place, by the likeliest decay."""

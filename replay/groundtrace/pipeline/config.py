@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from groundtrace_codecs.events import EVENTS, Fix, Gap, Label, Presence, StepEvent, TrackPoint
+from groundtrace_codecs.events import (
+    EVENTS,
+    Fix,
+    Gap,
+    Label,
+    Presence,
+    StageSpec,
+    StepEvent,
+    TrackPoint,
+)
 from groundtrace_codecs.geometry import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
 from groundtrace_codecs.toml import toml_value
@@ -287,7 +296,16 @@ class Pipeline:
         born = [StageOutput(event) for event in begun]
         whole = StageOutput(item, list(born))
         propagate([*born, whole], self.stages[1:])
-        return whole.events()
+        return self._stated_first(whole.events())
+
+    def _stated_first(self, events: list[Event]) -> list[Event]:
+        """Return events with what stages state before all others, in the order of the stages."""
+        stated = [event for event in events if isinstance(event, StageSpec)]
+        if not stated:
+            return events
+        order = [stage.name for stage in self.stages]
+        stated.sort(key=lambda spec: order.index(spec.stage))
+        return [*stated, *(event for event in events if not isinstance(event, StageSpec))]
 
     def flush(self) -> list[Event]:
         """End of the recording: return what the stages held back."""

@@ -19,7 +19,14 @@ import msgspec
 import numpy as np
 
 from groundtrace_codecs.errors import Error, NoRoomError
-from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock, TrackPoint
+from groundtrace_codecs.events import (
+    SMOOTHED,
+    CandidateBlock,
+    Gap,
+    StageSpec,
+    TraceBlock,
+    TrackPoint,
+)
 from groundtrace_codecs.location import Location, is_url
 from groundtrace_codecs.mcap.byte_source import RemoteBytes
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -598,16 +605,17 @@ def evidence_of(results: Results, labels: tuple[Label, ...] | None = None) -> Ev
     """Return the evidence of a result; ``labels`` replace its own truth where given."""
     origin = results.provenance
     config = parse_pipeline(origin.pipeline.encode(), f"{results.name}: pipeline")
+    order = [stage.key for stage in config.stage]
     return Evidence(
         origin.recording,
         config,
-        stage_evidence(results.events, [stage.key for stage in config.stage]),
+        stage_evidence(results.events, order),
         tuple(e for e in results.events if isinstance(e, Gap)),
         results.labels if labels is None else labels,
         origin.start_ns,
         origin.end_ns,
         results.geometry,
-        _last_track(results.events),
+        _last_track(results.events, order),
         results.warnings,
     )
 
@@ -647,11 +655,13 @@ def _one_block(parts: Sequence[Any]) -> Event:
     return cast("Event", type(parts[0])(parts[0].spec, *joint))
 
 
-def _last_track(events: Iterable[Event]) -> tuple[TrackPoint, ...]:
+def _last_track(events: Iterable[Event], order: Sequence[str]) -> tuple[TrackPoint, ...]:
     """Return the points of the last stage that tracks: a smoother comes after what it smooths."""
     points = [e for e in events if isinstance(e, TrackPoint)]
-    stages = list(dict.fromkeys(p.stage for p in points))
-    return tuple(p for p in points if p.stage == stages[-1])
+    tracked = {p.stage for p in points}
+    both = [name for stage in order for name in (stage, stage + SMOOTHED)]
+    last = next((name for name in reversed(both) if name in tracked), "")
+    return tuple(p for p in points if p.stage == last)
 
 
 def stage_evidence(events: Iterable[Event], order: list[str]) -> tuple[StageEvidence, ...]:

@@ -946,6 +946,9 @@ class RoadPowers:
 #: before and after them is looked at. Chosen by trial on simulated roads of seeds 1 to 10
 #: (docs/accuracy/vehicles.md).
 _BESIDE_S, _SEARCH_ABOUT_S = 1.5, 5.0
+#: So many are fitted jointly at most: of more, each part has the others' powers as given. The time
+#: of a search grows with the cube of their number. Chosen by judgement.
+_JOINTLY = 4
 #: By so much the evidence must grow. Chosen by trial on simulated roads of seeds 1 to 10
 #: (docs/accuracy/vehicles.md).
 _MARGIN = 1.5
@@ -1040,7 +1043,18 @@ def _groups(observed: RoadPowers, vehicles: Sequence[Vehicle]) -> list[tuple[Veh
             groups.append([])
         groups[-1].append(vehicle)
         last = max(last, float(moments.max()))
-    return [tuple(group) for group in groups]
+    return [part for group in groups for part in _cut(observed, group)]
+
+
+def _cut(observed: RoadPowers, group: Sequence[Vehicle]) -> Iterator[tuple[Vehicle, ...]]:
+    """Cut vehicles in order of time where they are farthest apart, until no part has too many."""
+    if len(group) <= _JOINTLY:
+        yield tuple(group)
+        return
+    middles = [float(observed.moments(vehicle).mean()) for vehicle in group]
+    where = 1 + int(np.argmax(np.diff(middles)))
+    yield from _cut(observed, group[:where])
+    yield from _cut(observed, group[where:])
 
 
 def _mean(observed: RoadPowers, vehicles: Sequence[Vehicle], rows: slice) -> Array:

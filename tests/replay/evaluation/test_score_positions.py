@@ -11,7 +11,8 @@ from groundtrace.evaluation.headings import score_disturbances, score_headings
 from groundtrace.evaluation.positions import match_places, score_positions, true_places
 from groundtrace.evaluation.report import score_events
 from groundtrace.evaluation.tracks import consistency, normalised_squares, score_consistency
-from groundtrace_codecs.events import Disturbance, Fix, Heading, Label, TrackPoint
+from groundtrace.explain.compare import compare_places
+from groundtrace_codecs.events import Disturbance, Fix, Heading, Label, StageSpec, TrackPoint
 
 NAN3 = (math.nan,) * 3
 SECOND = 10**9
@@ -53,6 +54,18 @@ def test_every_stage_is_scored_and_the_last_one_counts() -> None:
     assert score is not None
     assert (score.stage, score.n, score.rmse_m) == ("fine", 1, pytest.approx(0.5))
     assert [(e.group, e.n) for e in score.by_stage] == [("coarse", 2), ("fine", 1)]
+
+
+def test_the_last_one_is_that_of_the_pipeline_though_another_was_slower_to_find_a_place() -> None:
+    stated = [StageSpec(name, name, "/s", (), (), (), (), "fix") for name in ("coarse", "fine")]
+    fixes = [fix(0, 0, 0.5, stage="fine"), fix(1, 2, 0, stage="coarse"), fix(1, 1, 0, stage="fine")]
+    events = [*stated, *fixes]
+    score = score_events([place(0, 0, 0), place(1, 1, 0)], events, 0, ns(2)).positions
+    assert score is not None
+    assert (score.stage, score.n) == ("fine", 2)
+    compared = compare_places(events, [*stated, fixes[1]], [], 0, 0.1)
+    assert compared is not None
+    assert (compared.a, compared.b) == (2, 1)
 
 
 def test_a_far_fix_still_answers_and_a_late_one_does_not() -> None:
