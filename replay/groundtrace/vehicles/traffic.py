@@ -84,8 +84,8 @@ _AGREES = 3.0
 #: 1 to 10, with vehicles and without), as were the gates of prominence and speed.
 _HOLDS, _PASSES_S, _HIDDEN_DB = 0.45, (2.0, 6.0), 6.0
 #: Where no fit agrees with a chain, peaks are not those of the law, which their deviations are
-#: taken from: the speed's is so much greater. Chosen by trial on nodes of seeds 1 to 10: vehicles have
-#: speeds known to a quarter, without the factor, gusts and far trucks to 0.28 and more.
+#: taken from: the speed's is so much greater. Chosen by trial on nodes of seeds 1 to 10: vehicles
+#: have speeds known to a quarter, without the factor, gusts and far trucks to 0.28 and more.
 _UNLAWFUL = 2.0
 #: No leg, for a vehicle of a single station: gates of legs let it pass. Source: definition.
 _NO_LEG = (float("inf"), 0.0, 1.0, 0.0)
