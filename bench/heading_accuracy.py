@@ -224,10 +224,10 @@ def main() -> int:
     )
     parser.add_argument("--leave-one-out", action="store_true")
     given = parser.parse_args()
-    if not given.folder.is_dir():
+    trials = sorted(p for p in given.folder.glob("*") if p.suffix in (".mat", ".hdf5"))
+    if not trials:
         print(f"{given.folder}: expected a folder of BROAD trials, found none", file=sys.stderr)
         return 1
-    trials = sorted(p for p in given.folder.iterdir() if p.suffix in (".mat", ".hdf5"))
     if given.leave_one_out:
         leave_one_out(trials)
         return 0
