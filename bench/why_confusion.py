@@ -116,7 +116,8 @@ class Outcome:
 
 
 PEAKS_OPEN = ("steps.height=0.05", "steps.swing=0", "steps.activity=0", "steps.refractory_s=0")
-ADAPTIVE_OPEN = ("steps.swing=0", "steps.share=0", "steps.dominance=0", "steps.rhythm=0")
+SCORE_OPEN = ("steps.score=0", "steps.apart=0")
+RHYTHM_OPEN = ("steps.swing=0", "steps.share=0", "steps.dominance=0", "steps.rhythm=0")
 #: Without a filter to speak of: the recordings have 100 Hz.
 UNFILTERED = ("steps.cutoff_hz=40", "steps.refractory_s=0")
 
@@ -231,8 +232,8 @@ def cells() -> list[Cell]:
     return [
         *_of_a_walker("waist, peaks", "waist-peaks", "waist", PEAKS_OPEN),
         *_peaks(),
-        *_of_a_walker("waist", "waist-steps", "waist", ADAPTIVE_OPEN),
-        *_of_a_walker("wrist", "waist-steps", "wrist", ADAPTIVE_OPEN),
+        *_of_a_walker("waist", "waist-steps", "waist", SCORE_OPEN),
+        *_of_a_walker("wrist", "waist-steps", "wrist", RHYTHM_OPEN),
         *_rooms(),
         *_lines(),
     ]
