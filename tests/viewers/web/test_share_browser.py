@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import socket
+import struct
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
 from functools import partial
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import pytest
@@ -62,6 +65,38 @@ def only(allowed: str, refused: list[str], route: Route) -> None:
     else:
         refused.append(route.request.url)
         route.abort()
+
+
+def messages(rrd: bytes) -> list[bytes]:
+    """Return the messages of a file of the viewer, each with its kind and length."""
+    found, at = [], 12
+    while at + 16 <= len(rrd) and (
+        end := at + 16 + struct.unpack_from("<Q", rrd, at + 8)[0]
+    ) <= len(rrd):
+        found.append(rrd[at:end])
+        at = end
+    return found
+
+
+def test_a_recording_in_pieces_has_all_its_messages(page: Page, walk: Walk) -> None:  # noqa: F811
+    code = files("groundtrace_viewers.web").joinpath("page", "viewer.js").read_text("utf-8")
+    rrd = walk.rrd.read_bytes()
+    page.goto("about:blank")
+    page.add_script_tag(type="module", content=f"{code}\nwindow.pieces = pieces;")
+    page.wait_for_function("window.pieces")
+    told = page.evaluate(
+        """(text) => {
+          const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+          const letters = (piece) => piece.reduce((all, b) => all + String.fromCharCode(b), "");
+          return [...window.pieces(bytes)].map((piece) => btoa(letters(piece)));
+        }""",
+        base64.b64encode(rrd).decode(),
+    )
+    pieces = [base64.b64decode(piece) for piece in told]
+    assert len(pieces) > 2
+    assert all(piece[:12] == rrd[:12] for piece in pieces)
+    assert [m for piece in pieces for m in messages(piece)] == messages(rrd)
+    assert len(rrd) - sum(map(len, messages(rrd))) < 64
 
 
 def test_the_viewer_in_the_page_lives_with_notes_it_has_no_glyphs_for(

@@ -8,6 +8,11 @@ const RETRY_MS = 50;
 /** A viewer that has opened a recording and says no more has it after this [ms]. */
 const SILENT_MS = 5000;
 
+/** Bytes of a file's head and of what is before each message: its kind and length, 8 bytes each. */
+const HEAD = 12, MESSAGE = 16;
+/** A recording is given to the viewer in pieces of so many bytes. */
+const PIECE = 1 << 18;
+
 /** Return a number as the bytes of a protobuf varint. */
 function varint(value) {
   const bytes = [];
@@ -30,6 +35,30 @@ export function cursor_message(timeline, ns) {
   const name = field(2, field(1, [...new TextEncoder().encode(timeline)]));
   const time = field(3, [8, ...varint(ns)]);
   return new Uint8Array(field(6, [...name, ...time, ...varint(5 << 3), PAUSED]));
+}
+
+/** Yield a recording's bytes in pieces that are recordings themselves: the file's head, and some messages. */
+export function* pieces(bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const head = bytes.subarray(0, HEAD);
+  let start = HEAD, end = HEAD;
+  while (end + MESSAGE <= bytes.length) {
+    const next = end + MESSAGE + Number(view.getBigUint64(end + 8, true));
+    if (next > bytes.length) break;
+    end = next;
+    if (end - start < PIECE) continue;
+    yield joined(head, bytes.subarray(start, end));
+    start = end;
+  }
+  yield joined(head, bytes.subarray(start, end)); // behind the last message a file only says where others are
+}
+
+/** Return bytes one behind the other. */
+function joined(head, rest) {
+  const whole = new Uint8Array(head.length + rest.length);
+  whole.set(head);
+  whole.set(rest, head.length);
+  return whole;
 }
 
 /** Compile the viewer, while its program is still read. */
@@ -80,7 +109,7 @@ export class Viewer {
     }
     if (layout.length) this.push(layout, "layout");
     if (typeof recording === "string") this.handle.add_receiver(recording);
-    else this.push(recording, "replay");
+    else await this.pour(recording);
     if (this.next_ns !== null) await this.seek(this.next_ns / 1e9);
     await this.opened;
     performance.mark("recording-opened");
@@ -125,6 +154,16 @@ export class Viewer {
     this.handle.open_channel(id, name);
     this.handle.send_rrd_to_channel(id, bytes);
     this.handle.close_channel(id);
+  }
+
+  /** Add a recording piece by piece: of a large one at once the viewer made a layout of its own, and stood still. */
+  async pour(bytes) {
+    this.handle.open_channel("replay", "replay");
+    for (const piece of pieces(bytes)) {
+      this.handle.send_rrd_to_channel("replay", piece);
+      await new Promise((later) => { requestAnimationFrame(later); });
+    }
+    this.handle.close_channel("replay");
   }
 
   /** Show or hide the viewer's own menu bar. */
