@@ -83,12 +83,12 @@ def test_a_recording_in_pieces_has_all_its_messages(page: Page, walk: Walk) -> N
     rrd = walk.rrd.read_bytes()
     page.goto("about:blank")
     page.add_script_tag(type="module", content=f"{code}\nwindow.pieces = pieces;")
-    page.wait_for_function("window.pieces")
+    page.wait_for_function("window.pieces !== undefined")
     told = page.evaluate(
         """(text) => {
           const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
           const letters = (piece) => piece.reduce((all, b) => all + String.fromCharCode(b), "");
-          return [...window.pieces(bytes)].map((piece) => btoa(letters(piece)));
+          return window.pieces(bytes).map((piece) => btoa(letters(piece)));
         }""",
         base64.b64encode(rrd).decode(),
     )

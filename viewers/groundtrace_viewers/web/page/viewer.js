@@ -37,20 +37,21 @@ export function cursor_message(timeline, ns) {
   return new Uint8Array(field(6, [...name, ...time, ...varint(5 << 3), PAUSED]));
 }
 
-/** Yield a recording's bytes in pieces that are recordings themselves: the file's head, and some messages. */
-export function* pieces(bytes) {
+/** Return a recording's bytes in pieces that are recordings themselves: the file's head, and some messages. */
+export function pieces(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  const head = bytes.subarray(0, HEAD);
+  const head = bytes.subarray(0, HEAD), found = [];
   let start = HEAD, end = HEAD;
   while (end + MESSAGE <= bytes.length) {
     const next = end + MESSAGE + Number(view.getBigUint64(end + 8, true));
     if (next > bytes.length) break;
     end = next;
     if (end - start < PIECE) continue;
-    yield joined(head, bytes.subarray(start, end));
+    found.push(joined(head, bytes.subarray(start, end)));
     start = end;
   }
-  yield joined(head, bytes.subarray(start, end)); // behind the last message a file only says where others are
+  found.push(joined(head, bytes.subarray(start, end))); // behind the last message a file only says where others are
+  return found;
 }
 
 /** Return bytes one behind the other. */
