@@ -1038,7 +1038,10 @@ def _told(observed: RoadPowers, fit: TrafficFit) -> Iterator[FittedVehicle]:
 
 
 def _groups(observed: RoadPowers, vehicles: Sequence[Vehicle]) -> list[tuple[Vehicle, ...]]:
+    """Return vehicles that pass at about the same time, of those that pass while cycles last."""
+    first, last = observed.times_s[[0, -1]] + np.array([-_SEARCH_ABOUT_S, _SEARCH_ABOUT_S])
     spans = [(observed.moments(v), v) for v in vehicles]
+    spans = [span for span in spans if span[0].max() > first and span[0].min() <= last]
     spans.sort(key=lambda span: float(span[0].min()))
     groups: list[list[Vehicle]] = []
     last = -np.inf

@@ -12,12 +12,14 @@ from vehicle_powers import fluctuating
 from groundtrace.vehicles.medium import Scatter, cube_root_normalised, scatter_of
 from groundtrace.vehicles.passes import station_peaks
 from groundtrace.vehicles.traffic import (
+    MOMENT,
     PassParameters,
     RoadPowers,
     RoadVehicle,
     Stretch,
     Vehicle,
     driven,
+    vehicles_on,
 )
 
 TIMES = np.arange(0, 40, 0.25)
@@ -92,6 +94,16 @@ def test_a_vehicle_on_a_road_further_off_is_heard_for_too_long() -> None:
 def test_without_a_road_nothing_is_heard_for_too_long() -> None:
     (one,) = found(replace(road_powers(((20.0, 9.0),), 1), offsets_m=np.zeros(2)))
     assert one.breadth == 0
+
+
+def test_a_vehicle_that_passes_long_after_the_last_cycle_is_none() -> None:
+    observed = road_powers(MEETING[:1], 3)
+    inside = Vehicle(observed.usual.copy(), 1)
+    inside.values[MOMENT] = 19.0
+    outside = Vehicle(observed.usual.copy(), 1)
+    outside.values[MOMENT] = TIMES[-1] + 60.0
+    assert vehicles_on(observed, [outside]) == ()
+    assert len(vehicles_on(observed, [inside, outside])) == 1
 
 
 def test_slopes_are_those_of_the_power() -> None:
