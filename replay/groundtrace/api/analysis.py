@@ -279,14 +279,7 @@ class Explanation:
         remedy = self.answer.remedy
         if remedy is None:
             return ""
-        before, after = remedy.before, remedy.after
-        changes = (
-            ("right", before.tp, after.tp),
-            ("missed", before.fn, after.fn),
-            ("false", before.fp, after.fp),
-        )
-        effect = ", ".join(f"{what} {old} → {new}" for what, old, new in changes)
-        return " ".join(f"--set {setting}" for setting in remedy.settings) + f": {effect}"
+        return f"{remedy.options}: {remedy.effect}"
 
     def __repr__(self) -> str:
         if self.answer.time_ns is None:

@@ -541,14 +541,9 @@ def remedy_text(remedy: Remedy | None) -> str:
         return "no change of one or two parameters does it without harm"
     before, after = remedy.before, remedy.after
     return (
-        f"{settings_text(remedy)}: TP {before.tp}->{after.tp}, FP {before.fp}->{after.fp}, "
+        f"{remedy.options}: TP {before.tp}->{after.tp}, FP {before.fp}->{after.fp}, "
         f"FN {before.fn}->{after.fn}"
     )
-
-
-def settings_text(remedy: Remedy) -> str:
-    """Return the changes as arguments of ``replay``."""
-    return " ".join(f"--set {setting}" for setting in remedy.settings)
 
 
 def print_moment(found: Moment) -> None:
@@ -656,7 +651,7 @@ def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
     if found.pair is not None:
         lines += ["", f"The step found at {found.pair.found_s:.3f} s {found.pair.text}."]
     if remedy is not None:
-        lines += ["", f"Smallest change: `{settings_text(remedy)}`", ""]
+        lines += ["", f"Smallest change: `{remedy.options}`", ""]
         lines += counts_table((("now", remedy.before), ("then", remedy.after)))
     elif title and found.reason is not None:
         lines += [

@@ -125,8 +125,8 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
         kind = EVENTS.get(type(event))
         if kind is not None and kind.truth:
             found[kind.name].append(event)
-    found = {name: in_stage_order(those, events) for name, those in found.items()}
     specs = [event for event in events if isinstance(event, StageSpec)]
+    found = {name: _in_stage_order(those, specs) for name, those in found.items()}
     emitted = {spec.emits for spec in specs}
     last = {spec.emits: spec.stage for spec in specs}
     picking = {spec.topic: spec.stage for spec in specs if spec.emits == "pick"}
@@ -173,19 +173,18 @@ def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ..
     )
 
 
-def in_stage_order(found: Iterable[E], events: Iterable[Event]) -> list[E]:
+def _in_stage_order(found: Iterable[E], specs: Iterable[StageSpec]) -> list[E]:
     """Return events by the place of their stage in the pipeline, each stage's as they came.
 
     Parameters
     ----------
     found
         Some of the events.
-    events
-        All events, among them what stages state, in the order of the pipeline. A stage that states
-        nothing is before all others.
+    specs
+        What stages state, in the order of the pipeline. A stage that states nothing is before all
+        others.
     """
-    stated = (event.stage for event in events if isinstance(event, StageSpec))
-    rank = {stage: place for place, stage in enumerate(dict.fromkeys(stated))}
+    rank = {stage: place for place, stage in enumerate(dict.fromkeys(s.stage for s in specs))}
 
     def place(event: E) -> int:
         return rank.get(str(getattr(event, "stage", "")).removesuffix(SMOOTHED), -1)
@@ -194,7 +193,7 @@ def in_stage_order(found: Iterable[E], events: Iterable[Event]) -> list[E]:
 
 
 def last_word(events: Sequence[E]) -> list[E]:
-    """Return the events of the last stage, as :func:`in_stage_order` has them."""
+    """Return the events of the last stage, of events as :class:`ResultEvents` has them."""
     by = [str(getattr(event, "stage", "")) for event in events]
     stages = list(dict.fromkeys(by))
     return [event for event, stage in zip(events, by, strict=True) if stage == stages[-1]]

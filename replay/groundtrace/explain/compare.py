@@ -14,7 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..evaluation.matching import STEP_TOLERANCE_S, match, match_steps
 from ..evaluation.positions import found_places, match_places, true_places
-from ..evaluation.report import in_stage_order, last_word
+from ..evaluation.report import answers_of, last_word
 from ..pipeline.results import evidence_of, step_times
 from .reasons import StepReasons, WrongTime
 from .redecide import Counts
@@ -457,9 +457,7 @@ def _error(xy: NDArray[np.float64], at: NDArray[np.float64] | None) -> float | N
 
 
 def _fixes(events: Iterable[Event]) -> list[Fix]:
-    events = tuple(events)
-    found = in_stage_order((event for event in events if isinstance(event, Fix)), events)
-    return sorted(last_word(found), key=lambda fix: fix.time_ns)
+    return sorted(last_word(answers_of(events).fixes), key=lambda fix: fix.time_ns)
 
 
 def _rms(errors: Sequence[float | None]) -> float | None:

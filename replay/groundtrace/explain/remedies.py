@@ -131,6 +131,20 @@ class Remedy:
         """The changes as ``replay --set`` takes them."""
         return tuple(change.setting for change in self.changes)
 
+    @property
+    def options(self) -> str:
+        """The changes as options of ``replay``."""
+        return " ".join(f"--set {setting}" for setting in self.settings)
+
+    @property
+    def effect(self) -> str:
+        """What it does to the whole recording, in words."""
+        before, after = self.before, self.after
+        return (
+            f"right {before.tp} → {after.tp}, missed {before.fn} → {after.fn}, "
+            f"false {before.fp} → {after.fp}"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:

@@ -41,7 +41,6 @@ from .vehicles import crossing_text, pass_text, wrong_passes
 from .wrong_decisions import (
     TOLERANCE_S,
     doublings,
-    effect_of,
     gates_at,
     let_pass,
     results_of,
@@ -481,7 +480,7 @@ def _mended(
     )
     if remedy is None:
         return replace(moment, gates=shown)
-    settings, effect = " --set ".join(remedy.settings), effect_of(remedy)
+    settings, effect = " --set ".join(remedy.settings), remedy.effect
     return replace(moment, remedy=settings, effect=effect, gates=shown)
 
 

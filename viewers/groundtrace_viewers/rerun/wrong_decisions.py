@@ -400,16 +400,7 @@ def _mended(remedy: Remedy | None, none: str) -> tuple[str, str]:
     """Return the remedy and what it does, in words."""
     if remedy is None:
         return none, ""
-    return " ".join(f"--set {setting}" for setting in remedy.settings), effect_of(remedy)
-
-
-def effect_of(remedy: Remedy) -> str:
-    """Return what a remedy does to the whole recording."""
-    before, after = remedy.before, remedy.after
-    return (
-        f"right {before.tp} → {after.tp}, missed {before.fn} → {after.fn}, "
-        f"false {before.fp} → {after.fp}"
-    )
+    return remedy.options, remedy.effect
 
 
 def _seconds(evidence: Evidence, time_ns: int) -> str:
