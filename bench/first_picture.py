@@ -2,7 +2,9 @@
 
 A recording of ten minutes of 16 channels at 20 kHz is simulated, replayed, and served from this
 machine; then a page is opened some times, in turn with one whose viewer has one plot of one curve:
-what its own start takes. Without a graphics card all of it is drawn by the processor.
+what its own start takes. Two pictures count: the drawing of the moment that it opens at, which is
+made while the page is asked for, and the viewer's. Without a graphics card all of it is drawn by
+the processor.
 
 Run: python bench/first_picture.py [--minutes 10] [--runs 3] [--folder FOLDER]
 """
@@ -13,29 +15,29 @@ import argparse
 import base64
 import contextlib
 import io
+import math
 import os
 import statistics
 import tempfile
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from page_pictures import serving
 from pictures import browsing, quietly
 from PIL import Image
 
-from groundtrace.pipeline.results import read_results
-from groundtrace_codecs.recording import Recording
-from groundtrace_viewers.rerun.moments import OPENING_S, moments_of_results
+from groundtrace_viewers.rerun.moments import PageMoments
 from groundtrace_viewers.rerun.timeline import TIMELINE
 from groundtrace_viewers.web.server import address, listen, new_token, page_app, run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
 
     from playwright.sync_api import Browser, Page
 
@@ -44,9 +46,25 @@ SIZE = {"width": 1280, "height": 720}
 #: last one, which is taken so long after the page is ready [ms]; one of map and texts has a third.
 STAGE, MOST, SETTLED_MS = 900, 0.5, 5000
 PATIENCE_S = 120.0
+COLUMNS = ("panel-shown", "drawing", "viewer-compiled", "viewer-started", "picture")
+#: What a page knows whose viewer has one curve and nothing else.
+NOTHING = PageMoments("", "", "0", 10.0, TIMELINE, None, "", 0.01, "", (), "", False, (), (), 5.0)
 #: When the page had what, since it was asked for [s].
 MARKS = """() => Object.fromEntries(performance.getEntriesByType("mark")
     .map((mark) => [mark.name, mark.startTime / 1e3]))"""
+#: Marks when the drawing of the opening moment was shown.
+WATCH = """new PerformanceObserver((shown) => {
+    for (const one of shown.getEntries()) {
+        if (one.id === "opening") performance.mark("drawing", { startTime: one.startTime });
+    }
+}).observe({ type: "largest-contentful-paint", buffered: true });
+console.debug = () => {}; // the viewer says very much"""
+
+
+def annotated(path: Path) -> AbstractContextManager[str]:
+    """Serve a replay by the command; it draws its opening moment anew."""
+    results = str(path.with_suffix(".results.mcap"))
+    return serving("annotate", str(path), "--serve", "--no-browser", "--results", results)
 
 
 @contextlib.contextmanager
@@ -90,7 +108,7 @@ def opened(browser: Browser, url: str) -> dict[str, float]:
     context = browser.new_context(viewport=SIZE)  # type: ignore[arg-type]
     page = context.new_page()
     page.set_default_timeout(PATIENCE_S * 1e3)
-    page.add_init_script("console.debug = () => {}")  # the viewer says very much
+    page.add_init_script(WATCH)
     cast = Cast(page)
     began = time.time()
     page.goto(url, wait_until="commit")
@@ -131,29 +149,26 @@ def main() -> None:
             if not path.with_suffix(".rrd").exists():
                 out = ("--out", str(path.with_suffix(".results.mcap")), "--force")
                 quietly("replay", str(path), "--rrd", str(path.with_suffix(".rrd")), *out)
-        pages: dict[str, tuple[Path, str]] = {}
-        for name, path in (("5 s", short), (f"{asked.minutes:g} min", whole)):
-            with Recording.open(path) as recording:
-                results = read_results(path.with_suffix(".results.mcap"))
-                moments = moments_of_results(results, recording.streams, within_s=OPENING_S)
-            rrd = path.with_suffix(".rrd")
-            url = stack.enter_context(served(rrd, moments.json()))
-            pages[f"{name}, 16 x 20 kHz"] = rrd, url
-        nothing = replace(moments, duration_s=10.0, events=(), misses=(), curves=(), opens_s=5.0)
-        rrd = folder / "bare.rrd"
-        bare(rrd)
-        pages["one curve"] = rrd, stack.enter_context(served(rrd, nothing.json()))
+        bare(folder / "bare.rrd")
+        pages: dict[str, tuple[Path, Callable[[], AbstractContextManager[str]]]] = {
+            "5 s, 16 x 20 kHz": (short.with_suffix(".rrd"), lambda: annotated(short)),
+            f"{asked.minutes:g} min, 16 x 20 kHz": (
+                whole.with_suffix(".rrd"),
+                lambda: annotated(whole),
+            ),
+            "one curve": (folder / "bare.rrd", lambda: served(folder / "bare.rrd", NOTHING.json())),
+        }
         browser = stack.enter_context(browsing())
-        columns = ("viewer-compiled", "viewer-started", "recording-opened", "picture")
         runs: dict[str, list[dict[str, float]]] = {name: [] for name in pages}
         for _ in range(asked.runs):  # in turn, so that what else runs is the same for all
-            for name, (_, url) in pages.items():
-                runs[name].append(opened(browser, url))
-        print(f"{'':24}{'compiled':>10}{'started':>10}{'opened':>10}{'picture':>10}{'MB':>8}")
+            for name, (_, serve) in pages.items():
+                with serve() as url:
+                    runs[name].append(opened(browser, url))
+        print(f"{'':24}", *(f"{column.split('-')[-1]:>9}" for column in COLUMNS), f"{'MB':>6}")
         for name, (rrd, _) in pages.items():
-            cells = [statistics.median(one[column] for one in runs[name]) for column in columns]
-            size = rrd.stat().st_size / 1e6
-            print(f"{name:24}", *(f"{s:9.2f}" for s in cells), f"{size:7.1f}")
+            found = [[one.get(column, math.nan) for one in runs[name]] for column in COLUMNS]
+            cells = (f"{statistics.median(column):9.2f}" for column in found)
+            print(f"{name:24}", *cells, f"{rrd.stat().st_size / 1e6:6.1f}")
         print("load", *(f"{load:.1f}" for load in os.getloadavg()))
 
 

@@ -28,7 +28,7 @@ CONTENT = {
     *("README.txt", "index.html", "summary.html", "report.html", "pipeline.toml"),
     *("walk.annotations.json", "walk.annotations.mcap", "page/style.css"),
     *("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico"),
-    *("replay.rrd", "layout.rrd", "moments.json", "page.json"),
+    *("replay.rrd", "layout.rrd", "moments.json", "page.json", "opening.png"),
 }
 
 
@@ -141,6 +141,7 @@ def test_one_page_holds_summary_score_marks_and_pipeline(walk: Walk, capsys: Cap
     assert 'download="pipeline.toml"' in html
     assert 'download="walk.annotations.json"' in html
     assert 'href="index.html"' not in html
+    assert '<img id="opening" src="data:image/png;base64,' in html
 
 
 def test_a_light_share_is_smaller_replayed_or_filtered(walk: Walk, capsys: Capture) -> None:
@@ -168,6 +169,8 @@ def test_without_its_recording_the_timeline_that_is_there_is_shared(
     walk.recording.unlink()
     ran = done(capsys, "share", walk.results, "-o", "out")
     assert "walk.mcap is not there: its timeline walk.rrd is taken as it is" in ran.err
+    assert not Path("out/opening.png").exists(), "there is no signal to draw"
+    assert "opening.png" not in Path("out/index.html").read_text("utf-8")
     assert Path("out/replay.rrd").read_bytes() == walk.rrd.read_bytes()
     assert "&lt;b&gt;slow" in Path("out/summary.html").read_text("utf-8")
     walk.rrd.unlink()

@@ -130,14 +130,28 @@ def save_figure(figure: Any, path: Path, sha256: str, dpi: float) -> None:
     dpi
         Dots an inch, of PNG.
     """
-    kind = path.suffix.lower()
+    # whole before it is written: on a full disk the writer of PDF fails by an error of zlib
+    content = figure_bytes(figure, path.suffix.lower(), sha256, dpi)
+    with atomic_write(path) as fresh:
+        fresh.write_bytes(content)
+
+
+def figure_bytes(figure: Any, kind: str, sha256: str, dpi: float) -> bytes:
+    """Return the file of a drawing.
+
+    Parameters
+    ----------
+    figure, sha256, dpi
+        As of :func:`save_figure`.
+    kind
+        One of :data:`FORMATS`.
+    """
     told = {FORMATS[kind]: mark_of(sha256)} | _SAME.get(kind, {})
     more = {"svg.hashsalt": sha256, "pdf.fonttype": 42}  # 42: letters stay letters
-    drawn = BytesIO()  # to a disk that is full, the writer of PDF fails by an error of zlib
+    drawn = BytesIO()
     with style(**more):
         figure.savefig(drawn, dpi=dpi, format=kind.removeprefix("."), metadata=told)
-    with atomic_write(path) as fresh:
-        fresh.write_bytes(drawn.getbuffer())
+    return drawn.getvalue()
 
 
 def draw_signal(

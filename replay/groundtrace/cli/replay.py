@@ -225,7 +225,7 @@ def replay(
     if page is not None:
         _stay_with(page.server)
     elif web:
-        url, server = load("views", "web")(shown)
+        url, server = load("views", "web")(shown, path)
         print_stderr(f"serving {url} (Ctrl-C ends it)")
         _stay_with(server)
     return ExitCode.of(losses=damage > 0)

@@ -300,7 +300,8 @@ class SplitReplay:
         """
         recording = self.plan.recording
         first = recording.file.start_ns // Source(recording).width_ns
-        tasks = [self._task(span) for span in spans]
+        task = self._task(spans[0])
+        tasks = [replace(task, span=span) for span in spans]
         waiting: dict[int, SpanReplay] = {}
         end: JoinState | None = None
         turn = 0
@@ -327,6 +328,7 @@ class SplitReplay:
         return answer
 
     def _task(self, span: Span) -> SpanTask:
+        """Return the task of a span; that of another differs in its span alone."""
         plan = self.plan
         chain, recording = plan.ready.chain, plan.recording
         takes = [s.kind.takes for s in chain.stages if isinstance(s, StageRunner)]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,6 +19,8 @@ from groundtrace.pipeline.engine import ReplayLoop
 from groundtrace.pipeline.results import read_results
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.web.annotate import RunningReplay, there
+from groundtrace_viewers.web.opening import drawn_meanwhile, opening_drawing
+from groundtrace_viewers.web.server import listen, page_app, run
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -67,6 +71,35 @@ def test_a_timeline_that_is_older_of_another_pipeline_or_of_another_name_is_not_
     assert there(walk, results) is None, "it shows what another pipeline decided"
     os.utime(rrd, ns=(0, 0))
     assert there(walk, results) is None
+
+
+def test_a_page_waits_for_its_drawing_and_goes_without_one(walk: Path, tmp_path: Path) -> None:
+    listening, drawing = listen(0), tmp_path / "opening.png"
+    port = listening.getsockname()[1]
+    app = page_app(walk.with_suffix(".rrd"), b"{}", port, "token", "off", opening=drawing)
+    threading.Thread(target=run, args=(app, listening), daemon=True).start()
+    page = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    with ThreadPoolExecutor() as reader:
+        page.request("GET", "/token/opening.png")
+        asked = reader.submit(page.getresponse)
+        time.sleep(0.3)
+        assert asked.running(), "it waits"
+        drawing.write_bytes(b"")
+        assert asked.result(20).status == 404
+    page.close()
+
+
+def test_what_cannot_be_drawn_is_told_by_an_empty_file(walk: Path) -> None:
+    results = read_results(walk.with_suffix(".results.mcap"))
+    assert opening_drawing(results, walk, 1.5).startswith(b"\x89PNG")
+    assert opening_drawing(results, None, 1.5) == b""
+    assert opening_drawing(results, walk.with_name("gone.mcap"), 1.5) == b""
+    path = drawn_meanwhile(results, None, 1.5)
+    deadline = time.monotonic() + 20
+    while not path.exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert path.read_bytes() == b""
 
 
 def test_results_of_another_recording_are_refused(walk: Path, tmp_path: Path) -> None:

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
     from groundtrace.pipeline.engine import ReplaySession
+    from groundtrace.pipeline.results import Results
     from groundtrace_codecs.events import Event
 
     from .context import View
@@ -245,12 +246,30 @@ class RerunSink:
         """
         from .moments import moments_of_session
 
+        return moments_of_session(self._ended, self._events, self._opens_ns, within_s)
+
+    @property
+    def decided(self) -> Results:
+        """What a replay decided, with ``web``, once it has ended."""
+        from .wrong_decisions import results_of
+
+        return results_of(self._ended, self._events)
+
+    @property
+    def _ended(self) -> ReplaySession:
+        """The session of a replay that has ended.
+
+        Raises
+        ------
+        ViewerError
+            Before a replay, or without ``web``.
+        """
         if self._session is None or self._replay is None or not self._web:
             raise ViewerError("viewer: expected a replay for the web, found none")
         session, replayed_ns = self._session, self._replay.context.replayed_ns
         if session.live and replayed_ns is not None:
             session = replace(session, end_ns=replayed_ns[1])
-        return moments_of_session(session, self._events, self._opens_ns, within_s)
+        return session
 
     @property
     def _opens_ns(self) -> int | None:

@@ -36,6 +36,7 @@ from ..rerun.annotations import layer_rrd, states
 from ..rerun.blueprint import told_by
 from ..rerun.moments import OPENING_S, LiveMoments, moments_of_results
 from ..rerun.timeline import Recipe, stream_of, written_recipe
+from .opening import drawn_meanwhile
 from .server import address, listen, live_app, new_token, page_app, refusal, run
 
 if TYPE_CHECKING:
@@ -149,10 +150,12 @@ class EarlierReplay:
         self._rrd = rrd
         with Recording.open(recording) as opened:
             self._moments = RenewedMoments(results, opened.streams)
+        self._opening = drawn_meanwhile(results, recording, self._moments.opens_s)
 
     def app(self, port: int, token: str, more: Sequence[Route]) -> ASGIApp:
         """Return the page's server."""
-        return page_app(self._rrd, self._moments.json, port, token, "server", more)
+        told = self._moments.json
+        return page_app(self._rrd, told, port, token, "server", more, self._opening)
 
 
 #: A replay that is stopped has so long to end [s]. Chosen by judgement: it looks at every block.
@@ -258,11 +261,16 @@ class RenewedMoments:
         What is shown.
     streams
         Of the recording.
+
+    Attributes
+    ----------
+    opens_s
+        Where a page opens [s since the first sample].
     """
 
     def __init__(self, results: Results, streams: Sequence[Stream]) -> None:
         first = moments_of_results(results, streams, within_s=OPENING_S)
-        self._json = first.json()
+        self._json, self.opens_s = first.json(), first.opens_s
         self._results, self._streams = results, streams
         if first.pending:
             threading.Thread(target=self._complete, daemon=True).start()

@@ -15,6 +15,7 @@ from groundtrace.scratch import scratch_folder_until_exit
 from ..errors import ViewerError
 from ..rerun.moments import OPENING_S, LiveMoments
 from ..rerun.process import fetch, free_port, quiet_environment
+from .opening import drawn_meanwhile
 from .server import address, new_token
 
 if TYPE_CHECKING:
@@ -32,8 +33,15 @@ if TYPE_CHECKING:
 TELL_S = 0.5
 
 
-def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
+def serve_replay(shown: RerunSink, recording: Path) -> tuple[str, subprocess.Popen[bytes]]:
     """Serve a replay that has ended, taken for the web, to browsers on this machine.
+
+    Parameters
+    ----------
+    shown
+        The replay.
+    recording
+        What was replayed.
 
     Returns
     -------
@@ -48,11 +56,12 @@ def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
         raise ViewerError("page: expected a replay with a file, found none")
     port, token = free_port(), new_token()
     first = shown.moments_within(OPENING_S)
-    if not first.pending:
-        return address(port, token), serve_web(shown.path, port, token, first)
-    told = MomentsFile()
-    told.ended(first, shown)
-    return address(port, token), _served(shown.path, port, token, b"", str(told.path))
+    options = {"opening": drawn_meanwhile(shown.decided, recording, first.opens_s)}
+    if first.pending:
+        told = MomentsFile()
+        told.ended(first, shown)
+        options["moments"] = told.path
+    return address(port, token), _served(shown.path, port, token, first.json(), **options)
 
 
 class MomentsFile:
@@ -117,7 +126,7 @@ class LivePage:
         self._moments = LiveMoments(session)
         self._told.tell(self._moments.so_far())
         port, token = free_port(), new_token()
-        self.server = _served(self._shown.path, port, token, b"", str(self._told.path))
+        self.server = _served(self._shown.path, port, token, b"", moments=self._told.path)
         self._report(f"serving {address(port, token)}")
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -178,14 +187,15 @@ def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subpro
 
 
 def _served(
-    path: Path, port: int, token: str, moments: bytes, *renewed: str
+    path: Path, port: int, token: str, first: bytes, **places: Path
 ) -> subprocess.Popen[bytes]:
-    """Start a page's server; ``renewed`` is where moments are that may be replaced."""
+    """Start a page's server: its moments, and where files of its options are or will be."""
     server = ["-P", "-m", "groundtrace_viewers.web.server"]
-    places = os.pathsep.join(place for place in sys.path if place)  # empty: the working folder
+    options = (f"{name}={place}" for name, place in places.items())
+    modules = os.pathsep.join(place for place in sys.path if place)  # empty: the working folder
     process = subprocess.Popen(
-        [sys.executable, *server, str(path.resolve()), str(port), *renewed],
-        env={**quiet_environment(), "PYTHONPATH": places},
+        [sys.executable, *server, str(path.resolve()), str(port), *options],
+        env={**quiet_environment(), "PYTHONPATH": modules},
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -193,7 +203,7 @@ def _served(
     try:
         if process.stdin is not None:
             # it stays open: where it ends we have, and the server does
-            process.stdin.write(f"{token} {len(moments)}\n".encode() + moments)
+            process.stdin.write(f"{token} {len(first)}\n".encode() + first)
             process.stdin.flush()
         fetch(port, f"/{token}/index.html")
     except (ViewerError, OSError) as error:

@@ -1,10 +1,11 @@
-"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT [MOMENTS]``.
+"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT [OPTION=PATH ...]``.
 
 It listens on this machine only and answers only its own pages: it checks host and origin, so that
 no other site can reach it through a browser, and a token in the path of each address, so that no
 other user of this machine can. Its page connects to no other server. Token and moments come from
 standard input, a line each: others see the arguments of a process. Moments that may be replaced are
-in a file, MOMENTS; of a replay that is running the viewer's file is sent as it grows.
+in a file, ``moments=PATH``, a drawing of the first of them will be in ``opening=PATH``; of a replay
+that is running the viewer's file is sent as it grows.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import uvicorn
 from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 FOLDER = Path(__file__).parent / "page"
+#: A drawing of the moment that a page opens at, beside it.
+OPENING = "opening.png"
 #: Order in which the script modules may stand in one script: each after what it imports.
 MODULES = (
     "dom.js",
@@ -85,6 +89,7 @@ def replay_page(
     viewer: str = "",
     script: str = "",
     from_file: str = "",
+    opening: str = "",
     held: Mapping[str, str] = MappingProxyType({}),
     papers: Sequence[object] = (),
     downloads: Sequence[object] = (),
@@ -99,6 +104,8 @@ def replay_page(
         What stands in it rather than beside it: style sheet, viewer, all modules as one.
     from_file
         A script that tells the page whether it was opened as a file, which it then explains.
+    opening
+        Address of a drawing that is shown until the viewer is there.
     held
         Files that stand in it, packed as its script reads them, by name.
     papers, downloads
@@ -110,6 +117,7 @@ def replay_page(
         Path(__file__).parent,
         **{name: Markup(text) for name, text in trusted.items()},
         from_file=Markup(from_file),
+        opening=opening,
         held=held,
         papers=papers,
         downloads=downloads,
@@ -140,6 +148,7 @@ KINDS = {
     "wasm": "application/wasm",
     "ico": "image/x-icon",
     "json": "application/json",
+    "png": "image/png",
     "rrd": "application/octet-stream",
 }
 
@@ -238,6 +247,20 @@ def _on_disk(path: str, file: Path, kind: str) -> Route:
     return Route(path, answer)
 
 
+def _awaited(path: str, file: Path) -> Route:
+    """Return a route to a file that will be there; an empty one is none."""
+
+    async def answer(_: Request) -> Response:
+        while not file.exists():
+            await asyncio.sleep(POLL_S)
+        content = file.read_bytes()
+        if not content:
+            raise HTTPException(404)
+        return Response(content, media_type=KINDS[path.rpartition(".")[2]])
+
+    return Route(path, answer)
+
+
 def _growing(path: str, rrd: Path) -> Route:
     """Return a route that sends a file as it grows, until it has its name."""
 
@@ -295,7 +318,7 @@ def live_app(
         _fixed("/moments.json", moments),
         *more,
     ]
-    return _page(replay, {"annotations": annotations, "live": True}, port, token)
+    return _page(replay_page(), replay, {"annotations": annotations, "live": True}, port, token)
 
 
 def page_app(
@@ -305,6 +328,7 @@ def page_app(
     token: str,
     annotations: str,
     more: Sequence[Route] = (),
+    opening: Path | None = None,
 ) -> ASGIApp:
     """Return the page's server: an ASGI application.
 
@@ -323,6 +347,9 @@ def page_app(
         Where marks are kept: ``server``, ``browser`` or ``off``.
     more
         Routes beside the page's.
+    opening
+        Where a drawing of the moment that it opens at will be, see
+        :func:`~.opening.drawn_meanwhile`.
 
     Raises
     ------
@@ -335,13 +362,18 @@ def page_app(
         _fixed("/moments.json", moments),
         *more,
     ]
-    return _page(replay, {"annotations": annotations}, port, token)
+    if opening is not None:
+        replay.append(_awaited(f"/{OPENING}", opening))
+    page = replay_page(opening="" if opening is None else OPENING)
+    return _page(page, replay, {"annotations": annotations}, port, token)
 
 
-def _page(replay: Sequence[Route], config: Mapping[str, object], port: int, token: str) -> ASGIApp:
+def _page(
+    page: str, replay: Sequence[Route], config: Mapping[str, object], port: int, token: str
+) -> ASGIApp:
     """Return a page's server: what all pages have, and what belongs to its replay."""
     folder = viewer_folder()
-    index = replay_page().encode()
+    index = page.encode()
     routes = [
         _fixed("/", index),
         _fixed("/index.html", index),
@@ -452,7 +484,9 @@ def run(app: ASGIApp, listening: socket.socket, ready: Callable[[], None] = lamb
     _Server(config, ready).run([listening])
 
 
-def main(rrd: Path, port: int, token: str, moments: bytes | Path) -> None:
+def main(
+    rrd: Path, port: int, token: str, moments: bytes | Path, opening: Path | None = None
+) -> None:
     """Serve a recording until the process ends; marks are kept in the browser.
 
     Parameters
@@ -461,13 +495,15 @@ def main(rrd: Path, port: int, token: str, moments: bytes | Path) -> None:
         As of :func:`page_app`.
     moments
         Those of a replay that has ended, or where those are that may be replaced.
+    opening
+        As of :func:`page_app`.
     """
     listening = listen(port)
     if isinstance(moments, Path) and partial_of(rrd).exists():
         run(live_app(rrd, moments.read_bytes, port, token), listening)
         return
     now = moments.read_bytes if isinstance(moments, Path) else moments
-    run(page_app(rrd, now, port, token, "browser"), listening)
+    run(page_app(rrd, now, port, token, "browser", opening=opening), listening)
 
 
 def end_with(starter: BinaryIO) -> None:
@@ -481,5 +517,6 @@ if __name__ == "__main__":
     asked, size = given.readline().decode().split()
     sent = given.read(int(size))
     threading.Thread(target=end_with, args=(given,), daemon=True).start()
-    running = [Path(place) for place in sys.argv[3:]]
-    main(Path(sys.argv[1]), int(sys.argv[2]), asked, running[0] if running else sent)
+    places = {name: Path(place) for name, _, place in (a.partition("=") for a in sys.argv[3:])}
+    renewed = places.get("moments", sent)
+    main(Path(sys.argv[1]), int(sys.argv[2]), asked, renewed, places.get("opening"))

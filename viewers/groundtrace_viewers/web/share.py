@@ -27,7 +27,8 @@ from ..rerun.blueprint import layout_of
 from ..rerun.process import VIEWER_FILES, quiet_environment, viewer_folder, viewer_program
 from ..rerun.timeline import stream_of, written_recipe
 from ..rerun.wrong_decisions import TOLERANCE_S
-from .server import POLICY, joined_script, page_file, replay_page
+from .opening import opening_drawing
+from .server import OPENING, POLICY, joined_script, page_file, replay_page
 from .summary import sources_of, summary_page
 
 if TYPE_CHECKING:
@@ -147,6 +148,9 @@ def _fill(
     (folder / "layout.rrd").write_bytes(layout_of(folder / "replay.rrd"))
     (folder / "moments.json").write_bytes(sources.moments.json())
     (folder / "page.json").write_bytes(_config(sources))
+    opens_s = sources.moments.opens_s
+    if drawing := opening_drawing(sources.results, sources.recording, opens_s):
+        (folder / OPENING).write_bytes(drawing)
     if sources.scored:
         page = score_page(sources.results, sources.labels, sources.score, TOLERANCE_S)
         (folder / "report.html").write_text(page, "utf-8")
@@ -163,7 +167,7 @@ def _fill(
         shutil.copyfile(viewer / name, folder / name)
     (folder / "page").mkdir()
     (folder / "page" / "style.css").write_bytes(folder_style())
-    index = folder_page(_papers(folder), _downloads(sources))
+    index = folder_page(_papers(folder), _downloads(sources), OPENING if drawing else "")
     (folder / "index.html").write_text(index, "utf-8")
     (folder / "README.txt").write_text(_readme(sources), "utf-8")
 
@@ -228,7 +232,10 @@ def _pack(folder: Path, name: str, target: Path, mark: str) -> None:
 def _one_page(folder: Path, sources: Sources) -> str:
     names = ("page.json", "moments.json", "layout.rrd", "replay.rrd")
     assets = {name: (folder / name).read_bytes() for name in names}
-    return whole_page(assets, _papers(folder), _downloads(sources))
+    opening = folder / OPENING
+    drawn = Download(OPENING, "image/png", opening.read_bytes()) if opening.is_file() else None
+    address = "" if drawn is None else drawn.address
+    return whole_page(assets, _papers(folder), _downloads(sources), address)
 
 
 #: Tells a page that a browser lets no page that was opened as a file read those beside it.
@@ -258,7 +265,9 @@ class Download(NamedTuple):
         return f"data:{self.kind};base64,{base64.b64encode(self.content).decode()}"
 
 
-def folder_page(papers: Sequence[ShareDocument], downloads: Sequence[Download]) -> str:
+def folder_page(
+    papers: Sequence[ShareDocument], downloads: Sequence[Download], opening: str = ""
+) -> str:
     """Return ``index.html`` of a folder that any web server of files can serve.
 
     Its script stands in it: some servers call script files text, and then they do not run.
@@ -267,6 +276,8 @@ def folder_page(papers: Sequence[ShareDocument], downloads: Sequence[Download]) 
     ----------
     papers, downloads
         What lies beside it.
+    opening
+        Address of a drawing of the moment that it opens at; empty without one.
     """
     script = joined_script()
     hashes = f"script-src {_hash(FROM_FILE_SCRIPT)} {_hash(script)} "
@@ -276,6 +287,7 @@ def folder_page(papers: Sequence[ShareDocument], downloads: Sequence[Download]) 
         script=script,
         papers=papers,
         downloads=downloads,
+        opening=opening,
     )
 
 
@@ -288,6 +300,7 @@ def whole_page(
     assets: Mapping[str, bytes],
     papers: Sequence[ShareDocument] = (),
     downloads: Sequence[Download] = (),
+    opening: str = "",
 ) -> str:
     """Return a page with everything inside, which opens by a double click and asks nobody.
 
@@ -302,6 +315,8 @@ def whole_page(
         Shown above the replay when asked for.
     downloads
         Files that it gives away.
+    opening
+        As of :func:`folder_page`.
 
     Raises
     ------
@@ -324,6 +339,7 @@ def whole_page(
         held={name: _packed(content) for name, content in held.items()},
         papers=papers,
         downloads=downloads,
+        opening=opening,
     )
 
 

@@ -19,6 +19,10 @@ const UNKNOWN_SAMPLE_S = 0.001;
 /** While a replay is running the page asks for what is new after this, and for causes that are looked for [ms]. */
 const RENEW_MS = 500;
 const CAUSES_MS = 2000;
+/** The drawing of the opening moment has so long before the viewer is started [ms]. */
+const DRAWING_MS = 2000;
+/** The viewer draws so many pictures in layouts of its own before the one it was given. */
+const LAYOUT_PAINTS = 3;
 /** While data come in, and no person has touched the viewer, its cursor is put back at most so often. */
 const MOST_RETURNS = 100;
 
@@ -268,7 +272,8 @@ class Page {
     const started = this.viewer.start(byId("viewer"), layout, recording);
     if (this.marking) await this.marks.load();
     await started;
-    byId("status").hidden = true;
+    await painted(LAYOUT_PAINTS);
+    byId("before").hidden = true;
     if (this.moments.live) this.renew();
     if (this.moments.pending) setTimeout(() => this.renew().catch(complain), CAUSES_MS);
     this.opened = true;
@@ -312,15 +317,31 @@ class Page {
   watch() {
     const crash = this.viewer.crash();
     if (!crash) return;
-    byId("status").hidden = false;
+    byId("opening")?.remove();
+    byId("before").hidden = false;
     byId("status").textContent = `The viewer crashed: ${crash}. Reload the page.`;
   }
+}
+
+/** Wait until so many pictures have been drawn. */
+async function painted(count) {
+  for (let i = 0; i < count; i += 1) await new Promise((later) => { requestAnimationFrame(later); });
+}
+
+/** Wait until the drawing of the opening moment is shown, or cannot be: it goes then. */
+async function drawn() {
+  const drawing = byId("opening");
+  if (!drawing) return;
+  const late = new Promise((over) => { setTimeout(over, DRAWING_MS); });
+  const shown = drawing.decode().catch(() => drawing.remove());
+  await Promise.race([shown, late]);
 }
 
 async function main() {
   try {
     const documents = Promise.all([document_of("page.json"), document_of("moments.json")]);
-    const program = compiled(answer_of("re_viewer_bg.wasm")); // it takes longest: only words come before it
+    // it takes longest, and all cores: only words and the drawing come before it
+    const program = drawn().then(() => compiled(answer_of("re_viewer_bg.wasm")));
     const viewer = Promise.all([bytes_of("layout.rrd"), bytes_or_address("replay.rrd"), program]);
     viewer.catch(() => {}); // told below, when it is waited for
     const [config, moments] = await documents;
@@ -330,7 +351,7 @@ async function main() {
     const [layout, recording] = await viewer;
     await page.start(layout, recording);
   } catch (error) {
-    byId("status").hidden = true;
+    byId("before").hidden = true;
     complain(error.message ?? String(error));
     document.documentElement.dataset.state = "failed";
   }
