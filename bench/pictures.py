@@ -75,6 +75,7 @@ LAYOUTS = (
     Layout("walker-ways", ("waist-walk",), ("--pipeline", "pedestrian"), 30.0),
     Layout("walker-phone", ("import", "oxford-step/validation/user1_bag_1506423095164.csv")),
     Layout("walker-back", ("import", "back-steps/1-1")),
+    Layout("walker-wrist", ("import", "rieck-stepcounter/l2-25hz-bw4/slow-walking1.csv"), (), 10.0),
     Layout("foot", ("foot",), (), 12.0),
     Layout("room", ("room-walk",), (), 8.04),
     Layout("room-miss", ("room-walk",), ("--set", "picks.ratio=2000")),
@@ -88,6 +89,7 @@ LAYOUTS = (
 #: More that an import needs.
 IMPORTED = {
     "walker-phone": ("--map", "oxford-step-validation"),
+    "walker-wrist": ("--map", "rieck-stepcounter"),
     "heading": ("--map", "broad-mat"),
 }
 #: What has a pipeline of its own.

@@ -72,7 +72,7 @@ HEADING_S = 5.0
 STEPS_S = 4.0
 #: Recordings up to this are seen whole at first, of longer ones so much to either side of the
 #: cursor [s].
-WHOLE_S, AROUND_CURSOR_S = 90, 30
+WHOLE_S, AROUND_CURSOR_S = 60, 30
 #: Behind what is drawn in light colours, so that it is seen in a light theme too.
 GROUND = (17, 19, 22, 255)
 
@@ -795,9 +795,10 @@ def lanes_view(
         name = path.removeprefix(f"/state/{number}-").partition("/")[0]
         names.setdefault(number, []).append(name)
     rows = {int(FIRST_ROW) - n: ", ".join(dict.fromkeys(names[n])) for n in sorted(names)}
-    feet = any(path.endswith("truth/step") for path in paths)
+    true = {e.path.rpartition("truth/step/")[2] for e in _of(entities, "row")}
     keys = {"score": "score, missed red, false pink"}
-    keys |= {"truth": "truth, left blue, right orange"} if feet else {}
+    keys |= {"truth": "truth, a foot unknown violet"} if "step" in true else {}
+    keys |= {"truth": "truth, left blue, right orange"} if true & {"left", "right"} else {}
     rows = {height: keys.get(text, text) for height, text in rows.items()}
     below = min(FIRST_ROW - n - APART * (len(own) - 1) for n, own in names.items())
     plot = rrb.TimeSeriesView(
