@@ -329,7 +329,9 @@ class ArrivalTracker:
             [self._held.time_ns, self.clock.at(anchor + whole.astype(np.intp)) + after_ns]
         )
         channel = np.concatenate([self._held.channel, rises.channel.astype(np.int32)])
-        value = np.stack([rises.value, deviation / self.rate_hz], axis=1).astype(np.float32)
+        value = np.stack([rises.value, deviation / self.rate_hz], axis=1)
+        # behind a channel that was still a ratio has no bound
+        value = np.minimum(value, np.finfo(np.float32).max).astype(np.float32)
         order = np.lexsort((channel, time_ns))
         value = np.concatenate([self._held.value, value])[order]
         return Candidates(time_ns[order], channel[order], value)
