@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 import tempfile
 from pathlib import Path
@@ -11,6 +12,7 @@ from viewer_sessions import write_walker
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.rerun import process
 from groundtrace_viewers.rerun.blueprint import layout_of
+from groundtrace_viewers.rerun.moments import STEPPED
 from groundtrace_viewers.rerun.process import VIEWER_FILES, viewer_folder
 from groundtrace_viewers.web.server import (
     FOLDER,
@@ -43,6 +45,11 @@ def test_modules_join_into_one_script_without_names_twice() -> None:
     assert not names(r"^(import|export) ", script)
     defined = names(r"^(?:async )?(?:function|class|const|let) (\w+)", script)
     assert len(defined) == len(set(defined))
+
+
+def test_keys_step_through_what_a_page_may_open_at() -> None:
+    (kinds,) = names(r"^export const STEPS = new Set\((.*)\);", page_file("jumps.js").decode())
+    assert set(json.loads(kinds)) == STEPPED
 
 
 def test_the_page_refers_to_nothing_but_its_own_files_and_puts_text_in_as_text() -> None:
