@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from groundtrace.api.pictures import draw
 from groundtrace.api.plots import figure_bytes
@@ -50,15 +50,19 @@ def opening_drawing(results: Results, recording: Path | None, at_s: float) -> by
     known = replace(results.provenance, sha256="")
     shown = Shown(replace(results, provenance=known), recording)
     try:
-        try:
-            figure = shown.why(at=at_s).plot()[0].figure
-        except GroundtraceError:  # no stage decides steps: the signal alone
-            figure = draw(shown, at_s)
-        return figure_bytes(figure, ".png", results.provenance.sha256, DPI)
+        figure = _drawn(shown, at_s)
+        drawing = figure_bytes(figure, ".png", results.provenance.sha256, DPI)
     except (GroundtraceError, CodecError, OSError):
         return b""
-    finally:
-        pyplot.close("all")
+    pyplot.close(figure)
+    return drawing
+
+
+def _drawn(shown: Shown, at_s: float) -> Any:
+    try:
+        return shown.why(at=at_s).plot()[0].figure
+    except GroundtraceError:  # no stage decides steps: the signal alone
+        return draw(shown, at_s)
 
 
 def drawn_meanwhile(results: Results, recording: Path | None, at_s: float) -> Path:

@@ -347,6 +347,7 @@ async function main() {
     const [config, moments] = await documents;
     const page = new Page(config, moments); // its panel answers while the viewer is compiled
     if (!moments.live) page.player.go(page.opening());
+    if (page.opening() !== moments.opens_s) byId("opening")?.remove(); // it shows another moment
     performance.mark("panel-shown");
     const [layout, recording] = await viewer;
     await page.start(layout, recording);
