@@ -10,6 +10,7 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from groundtrace.pipeline.results import atomic_write
 from groundtrace.scratch import scratch_folder_until_exit
 
 from ..errors import ViewerError
@@ -78,9 +79,8 @@ class MomentsFile:
 
     def tell(self, moments: PageMoments) -> None:
         """Replace what the page asks for."""
-        fresh = self.path.with_suffix(".new")
-        fresh.write_bytes(moments.json())
-        fresh.replace(self.path)
+        with atomic_write(self.path) as fresh:
+            fresh.write_bytes(moments.json())
 
     def ended(self, first: PageMoments, shown: RerunSink) -> None:
         """Tell those of a replay that has ended: the first, and all when they are there."""

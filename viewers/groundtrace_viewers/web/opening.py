@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from groundtrace.api.pictures import draw
 from groundtrace.api.plots import figure_bytes
 from groundtrace.api.results import Results as Shown
-from groundtrace.errors import GroundtraceError
+from groundtrace.errors import GroundtraceError, OutputError
+from groundtrace.pipeline.results import atomic_write
 from groundtrace.runtime import unconfigured
 from groundtrace.scratch import scratch_folder_until_exit
 from groundtrace_codecs.errors import CodecError
@@ -80,10 +81,9 @@ def drawn_meanwhile(results: Results, recording: Path | None, at_s: float) -> Pa
         try:
             content = opening_drawing(results, recording, at_s)
         finally:  # who waits for it goes on
-            with suppress(OSError):  # the program ends, and its folder is gone
-                fresh = path.with_suffix(".new")
+            # without its folder the program ends
+            with suppress(OutputError), atomic_write(path) as fresh:
                 fresh.write_bytes(content)
-                fresh.replace(path)
 
     threading.Thread(target=write, daemon=True).start()
     return path

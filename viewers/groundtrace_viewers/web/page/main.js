@@ -11,7 +11,7 @@ import { Player } from "./player.js";
 import { exported, save } from "./exchange.js";
 import { BrowserStore, ServerStore } from "./stores.js";
 import { Strip } from "./strip.js";
-import { compiled, Viewer } from "./viewer.js";
+import { compiled, painted, Viewer } from "./viewer.js";
 
 const byId = (id) => document.getElementById(id);
 /** A sample of a recording whose rate the page was not told [s]. */
@@ -321,11 +321,6 @@ class Page {
     byId("before").hidden = false;
     byId("status").textContent = `The viewer crashed: ${crash}. Reload the page.`;
   }
-}
-
-/** Wait until so many pictures have been drawn. */
-async function painted(count) {
-  for (let i = 0; i < count; i += 1) await new Promise((later) => { requestAnimationFrame(later); });
 }
 
 /** Wait until the drawing of the opening moment is shown, or cannot be: it goes then. */

@@ -62,6 +62,11 @@ function joined(head, rest) {
   return whole;
 }
 
+/** Wait until so many pictures have been drawn. */
+export async function painted(count) {
+  for (let i = 0; i < count; i += 1) await new Promise((later) => { requestAnimationFrame(later); });
+}
+
 /** Compile the viewer, while its program is still read. */
 export async function compiled(answer) {
   await wasm_bindgen({ module_or_path: answer });
@@ -162,7 +167,7 @@ export class Viewer {
     this.handle.open_channel("replay", "replay");
     for (const piece of pieces(bytes)) {
       this.handle.send_rrd_to_channel("replay", piece);
-      await new Promise((later) => { requestAnimationFrame(later); });
+      await painted(1);
     }
     this.handle.close_channel("replay");
   }
