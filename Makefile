@@ -60,7 +60,7 @@ test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto tests/oracles # as plain Python
 
-sweeps: dev ## the cases of tests beside those of every day, and all examples that are drawn
+sweeps: dev ## tests and cases beside those of every day, and all examples that are drawn
 	GROUNDTRACE_SWEEPS=1 OMP_NUM_THREADS=1 \
 	  $(BIN)/python -m pytest -n auto --dist worksteal -m "sweep or hypothesis"
 

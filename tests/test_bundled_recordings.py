@@ -129,6 +129,7 @@ def test_an_excerpt_says_where_it_is_from(name):
     assert f"## {name}.mcap" in (folder / "THIRD_PARTY.md").read_text("utf-8")
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", excerpts.descriptions())
 def test_an_excerpt_is_made_again_from_its_source(name, tmp_path, data):
     made = excerpts.make(name, excerpts.descriptions()[name], data, tmp_path)

@@ -154,6 +154,7 @@ def test_a_recording_without_truth_is_labelled_and_scored(bare: Path, capsys: Ca
     assert error == "walk.annotations.mcap: author: expected annotations by 'x', found none"
 
 
+@pytest.mark.sweep
 def test_a_copy_carries_its_annotations_to_replay_and_score(bare: Path, capsys: Capture) -> None:
     done(capsys, "annotate", bare, "--add", "missed@1.0", "--add", "note@2")
     out = done(capsys, "annotate", bare, "--commit", "-o", "copy.mcap").out

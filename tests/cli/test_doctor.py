@@ -195,8 +195,8 @@ def long_walk() -> tuple[str, ...]:
     ("begun", "enough"),
     [
         (lambda: ("simulate", "room", "-o", "new.mcap", "--steps", "200"), 2_000_000),
-        (table, 200_000),
-        (long_walk, 30_000),
+        pytest.param(table, 200_000, marks=pytest.mark.sweep),
+        pytest.param(long_walk, 30_000, marks=pytest.mark.sweep),
     ],
     ids=["simulate", "import", "replay"],
 )

@@ -137,6 +137,7 @@ def test_a_stop_as_the_recording_ends_leaves_nothing_of_it_out(
     assert provenance_of(Path("rec.results.mcap")).sha256 == file_sha256(ROOM)
 
 
+@pytest.mark.sweep
 def test_our_own_writer_is_followed_before_the_file_has_its_name(capsys: Capture) -> None:
     with Recording.open(WALK) as opened:
         streams = opened.streams

@@ -115,7 +115,6 @@ def no_more_than(size: int) -> Iterator[None]:
 
 #: Outputs that are tried every day: of each way in which one is written, one.
 EVERYDAY = (
-    "page.html",
     "shared.zip",
     "replay.rrd",
     "replay.mcap",

@@ -66,6 +66,7 @@ def test_no_command_prints_what_moves_the_cursor(named: str, capsys: Capture) ->
     assert json.loads(texts[1].out)["recording"] == named
 
 
+@pytest.mark.sweep
 def test_no_page_turns_a_name_round(named: str, capsys: Capture) -> None:
     done(capsys, "replay", named, "--no-viewer", "--out", "a.mcap", "--pipeline", "waist-peaks")
     done(capsys, "score", "a.mcap", "--html", "score.html")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 from command_runs import done, run
+from sweeps import swept
 
 from groundtrace.pipeline.results import RUN, Provenance, ResultsSink, read_results
 from groundtrace_codecs.events import Label
@@ -73,7 +74,7 @@ def test_a_replay_that_is_stopped_leaves_outputs_of_before_as_they_were(
     assert left() == ["r.mcap", "r.previous.mcap", "r.rrd"]
 
 
-@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("asked", swept([signal.SIGINT, signal.SIGTERM], signal.SIGINT))
 def test_a_paced_replay_ends_at_once_where_it_is_asked_to(asked: signal.Signals) -> None:
     code = "from groundtrace.cli.main import main; main()"
     options = ("replay", str(WALK), "--no-viewer", "--rate", "2", "--out", "r.mcap")

@@ -246,6 +246,7 @@ def test_results_say_what_they_hold_and_their_score(capsys: pytest.CaptureFixtur
     assert done(capsys, "info", "waist-walk", "--json").document["results"] is None
 
 
+@pytest.mark.sweep
 def test_demo_figure_and_share_are_as_their_schemas_say(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

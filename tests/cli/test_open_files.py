@@ -54,7 +54,6 @@ def test_the_stand_in_refuses_to_move_over_what_is_open(tmp_path: Path) -> None:
 
 #: Outputs that are tried every day: of each way in which one takes the place of another, one.
 EVERYDAY = (
-    "shared.html",
     "why.rrd",
     "replay.mcap",
     "sweep.svg",

@@ -48,7 +48,7 @@ FLEET = "fleet {walk} {copy} --pipeline waist-steps -o fleet.parquet --workers 2
         ),
         ("annotate {copy} --add note@2 --note left", "annotate {copy} --list"),
         ("simulate room -o room.mcap --steps 2",),
-        (FLEET,),
+        pytest.param((FLEET,), marks=pytest.mark.sweep),
     ],
     ids=lambda commands: commands[-1].split()[0],
 )

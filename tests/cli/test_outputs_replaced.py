@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from command_runs import done, run
+from sweeps import swept
 
 import groundtrace as gt
 from groundtrace.pipeline.results import previous_results, read_results
@@ -148,7 +149,8 @@ def test_what_is_kept_is_named_as_what_replaced_it(name: str, kept: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("out", "option"), [("shared", ()), ("s.zip", ("--zip",)), ("s.html", ("--single-file",))]
+    ("out", "option"),
+    swept([("shared", ()), ("s.zip", ("--zip",)), ("s.html", ("--single-file",))], ("shared", ())),
 )
 def test_what_was_shared_of_the_same_recording_is_replaced(
     out: str, option: tuple[str, ...], capsys: Capture
@@ -175,6 +177,7 @@ def test_figures_of_a_sweep_are_replaced_and_pipelines_that_people_edit_stay(
     assert run(capsys, *other).error == f"s.svg: {REFUSED}"
 
 
+@pytest.mark.sweep
 def test_maps_of_a_layout_that_was_edited_are_replaced(capsys: Capture) -> None:
     with Recording.open(path_of("room-walk.mcap")) as room:
         assert room.geometry is not None

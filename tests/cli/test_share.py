@@ -144,6 +144,7 @@ def test_one_page_holds_summary_score_marks_and_pipeline(walk: Walk, capsys: Cap
     assert '<img id="opening" src="data:image/png;base64,' in html
 
 
+@pytest.mark.sweep
 def test_a_light_share_is_smaller_replayed_or_filtered(walk: Walk, capsys: Capture) -> None:
     from groundtrace_recordings import path_of
 
@@ -224,6 +225,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is(
     assert files(Path()) == before
 
 
+@pytest.mark.sweep
 def test_what_was_shared_before_is_replaced_whole(
     walk: Walk, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -176,9 +176,7 @@ COMMANDS = {
 
 @pytest.mark.parametrize(
     "name",
-    swept(
-        COMMANDS, "fleet", "figure", "fleet-dask", "fleet-ray", "share-light", "export", "doctor"
-    ),
+    swept(COMMANDS, "fleet", "export", "doctor"),
 )
 def test_no_process_of_a_command_runs_or_reads_what_a_stranger_left_or_calls_elsewhere(
     name: str, folder: Path
@@ -194,6 +192,7 @@ def test_no_process_of_a_command_runs_or_reads_what_a_stranger_left_or_calls_els
     nothing_told(folder)
 
 
+@pytest.mark.sweep
 def test_the_page_of_a_replay_is_not_served_by_a_stranger(folder: Path) -> None:
     with start(folder, "replay", "walk.mcap", "--web", "--out", "web.mcap") as ran:
         try:

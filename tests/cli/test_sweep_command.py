@@ -91,6 +91,7 @@ def test_the_schema_is_closed_and_describes_every_property() -> None:
         Draft202012Validator(loaded).validate({"nobody_said_this": 1})
 
 
+@pytest.mark.sweep
 def test_every_ranked_setting_gives_its_figures_in_a_fresh_replay(
     walk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -154,6 +154,7 @@ def test_a_step_that_was_found_says_so(missing: Path, capsys: Capture) -> None:
     assert "smallest change" not in text
 
 
+@pytest.mark.sweep
 def test_the_number_of_a_step_is_that_of_the_table(real: Path, capsys: Capture) -> None:
     account = done(capsys, "why", real, "--json").document
     for missed in account["missed"]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_runs import check_schema, done
 from pyarrow.parquet import read_table
+from sweeps import swept
 from turning_sensors import RATE_HZ, turning_sensor
 
 from groundtrace.cli.main import main
@@ -138,7 +139,9 @@ WRONG: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize(
+    "wrong", swept(WRONG, "axes of the gyroscope", "deg/s called rad/s", "accelerometer at rails")
+)
 def test_what_is_wrong_is_one_line_of_import_info_and_replay(
     wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -158,6 +161,7 @@ def test_what_is_wrong_is_one_line_of_import_info_and_replay(
     assert text == warning
 
 
+@pytest.mark.sweep
 def test_score_why_share_and_fleets_carry_it_in_their_heads(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

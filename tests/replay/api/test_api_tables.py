@@ -104,6 +104,7 @@ def test_every_kind_of_event_is_a_table_with_times(walk: gt.Results) -> None:
         walk["steppes"]
 
 
+@pytest.mark.sweep
 def test_covariances_and_spans_are_columns() -> None:
     cars = gt.replay("vehicle-pass", "vehicle-tracks")
     assert {"x_m", "y_m", "covariance_xx_m2"} <= set(cars.fixes.columns)

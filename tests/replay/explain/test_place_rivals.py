@@ -103,6 +103,7 @@ def test_two_sensors_in_each_others_place_are_named_as_swapped(sensors: int) -> 
         assert all("swapped with" in s.text for s in found.sensors)
 
 
+@pytest.mark.sweep
 def test_without_places_a_swap_among_six_sensors_is_not_told_and_among_nine_it_is() -> None:
     for sensors, expected in ((6, []), (9, [("G3", "position"), ("G4", "position")])):
         walk = Walk.make(sensors, 2)
@@ -111,7 +112,7 @@ def test_without_places_a_swap_among_six_sensors_is_not_told_and_among_nine_it_i
 
 
 @pytest.mark.parametrize("late_s", [8e-3, -8e-3], ids=["late", "early"])
-@pytest.mark.parametrize("sensors", SENSORS)
+@pytest.mark.parametrize("sensors", swept(LAYOUTS, 4))
 def test_one_pick_that_is_off_is_named_with_its_error(sensors: int, late_s: float) -> None:
     causes = []
     for seed, law in enumerate(LAWS):
@@ -197,6 +198,7 @@ def planted(cause: str, sensors: int, seed: int) -> Walk:
     return walk
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("sensors", "stage"),
     swept(

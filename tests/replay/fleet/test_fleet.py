@@ -318,6 +318,7 @@ def test_the_exit_code_says_whether_recordings_failed(
     assert run(capsys, *command, "small/zjunk.mcap", "--allow-failures").code == 0
 
 
+@pytest.mark.sweep
 def test_a_recording_that_hangs_is_a_row_that_says_so(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -94,6 +94,7 @@ def test_a_worker_that_ends_itself_is_not_tried_again(
     assert (tmp_path / "ran").read_text("utf-8") == "once\n"
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("package", "engine"),
     [("distributed", "dask:tcp://127.0.0.1:9"), ("ray", "ray:ray://127.0.0.1:9")],

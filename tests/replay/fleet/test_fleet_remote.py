@@ -240,6 +240,7 @@ def test_a_server_without_ranges_is_told_before_its_file_is_in_memory(
     tracemalloc.stop()
 
 
+@pytest.mark.sweep
 def test_a_server_that_comes_to_no_end_is_a_row_wherever_it_is_read(
     memory: Any, monkeypatch: pytest.MonkeyPatch, capsys: Capture, tmp_path: Path
 ) -> None:

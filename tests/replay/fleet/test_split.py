@@ -86,6 +86,7 @@ def test_a_walk_in_spans_is_decided_as_in_one_go(
     assert split.again <= len(missing)
 
 
+@pytest.mark.sweep
 def test_vehicles_are_heard_in_spans_and_their_passes_found_in_one_go(tmp_path: Path) -> None:
     rng = np.random.default_rng(6)
     samples = rng.normal(size=(300_000, 9))
@@ -165,6 +166,7 @@ def test_what_cannot_be_split_is_replayed_in_one_go_and_said(tmp_path: Path) -> 
     assert said == ["short.mcap is replayed in one go: it is shorter than two warm-ups of 22 s"]
 
 
+@pytest.mark.sweep
 def test_a_stage_that_learns_takes_what_spans_measured_and_no_signal(
     room: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,6 +223,7 @@ def dead(task: SpanTask) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.sweep
 def test_a_worker_that_dies_costs_time_alone(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, _ = in_one_go(room, "room-steps")
     monkeypatch.setattr(splitting, "replayed", dying)

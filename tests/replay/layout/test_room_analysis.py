@@ -88,6 +88,7 @@ def test_without_a_sensor_in_the_middle_errors_rise_most() -> None:
     assert all(rise["power-law"] > 0 for rise in rises)
 
 
+@pytest.mark.sweep
 def test_one_more_sensor_is_advised_where_none_is() -> None:
     # everything in one corner: the far one needs a sensor
     corner = ((0.0, 0.0), (2.0, 0.0), (0.0, 2.0), (2.0, 2.0), (1.0, 4.0))

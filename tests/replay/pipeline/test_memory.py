@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from decided_spans import assert_same_span
+from sweeps import swept
 
 from groundtrace.pipeline.config import PipelineConfig, build_pipeline
 from groundtrace.pipeline.engine import EventList, ReplayLoop
@@ -222,7 +223,9 @@ def test_every_shipped_stage_that_says_its_memory_is_held_to_it() -> None:
     assert ends == set(ALL_BEFORE) | TRACKERS
 
 
-@pytest.mark.parametrize("name", BEFORE)
+@pytest.mark.parametrize(
+    "name", swept(BEFORE, "toa-cv", "rest-swing", "coincidence", "so-tdoa", "vehicle-presence")
+)
 def test_a_replay_that_begins_by_the_memory_earlier_decides_as_the_whole(name: str) -> None:
     memory = memory_of(name)
     assert memory.warm_up_s is not None
@@ -242,7 +245,9 @@ def test_a_replay_that_begins_by_the_memory_earlier_decides_as_the_whole(name: s
     assert compared > 10
 
 
-@pytest.mark.parametrize("name", ALL_BEFORE)
+@pytest.mark.parametrize(
+    "name", swept(ALL_BEFORE, "adaptive", "dp", "hyperbolic", "power-law", "times-amplitudes", "zc")
+)
 def test_a_replay_that_ends_by_the_delay_later_decides_as_the_whole(name: str) -> None:
     delay_s = memory_of(name).delay_s
     assert delay_s is not None

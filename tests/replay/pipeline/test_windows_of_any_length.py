@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import swept
 
 from groundtrace.pipeline.buffers import StreamSynchronizer, in_order
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
@@ -109,7 +110,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("pipeline", "placement", "holes"), CASES)
+@pytest.mark.parametrize(
+    ("pipeline", "placement", "holes"), swept(CASES, CASES[2], ("foot-inertial", "foot", HOLES))
+)
 def test_joined_blocks_of_any_length_say_what_single_messages_say(
     walked: dict[str, Recorded], pipeline: str, placement: str, holes: Any
 ) -> None:

@@ -86,6 +86,7 @@ def test_walkers_doors_and_swells_are_no_passes() -> None:
     assert not [e for e in replayed(EMPTY, "vehicle-passes") if isinstance(e, Pass)]
 
 
+@pytest.mark.sweep
 def test_blocks_of_any_size_give_the_same_passes() -> None:
     assert told(replayed(SITE, "vehicle-passes", samples=61)) == told(
         replayed(SITE, "vehicle-passes")

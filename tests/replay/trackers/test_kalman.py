@@ -113,6 +113,7 @@ def test_after_a_turn_a_step_may_lie_anywhere_about_the_present_place() -> None:
     assert walker.state == pytest.approx((3.5, 0, 3.0, 0), abs=0.2)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("name", "static", "thesis", "loose", "slow"),
     [

@@ -68,6 +68,7 @@ def test_one_vehicle_is_one_course_even_where_its_powers_fade() -> None:
     assert fit_two(powers, search, one) is None
 
 
+@pytest.mark.sweep
 def test_two_that_meet_among_antennas_have_a_track_each() -> None:
     options = VehicleOptions(
         passes=2, overlap=True, duration_s=30, spacing_m=15, rate_hz=100, seed=3

@@ -43,6 +43,7 @@ def test_errors_of_a_course_are_about_what_its_covariance_says(alike: float) -> 
     assert 0.6 <= np.mean(np.array(squares) < 7.78) <= 0.96
 
 
+@pytest.mark.sweep
 def test_courses_over_grounds_that_no_fit_knows_err_as_they_say() -> None:
     rng = np.random.default_rng(12)
     off, far = [], []

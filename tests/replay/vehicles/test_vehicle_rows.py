@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweeps import swept
 from vehicle_powers import LAW
 from vehicle_runs import replayed, told
 
@@ -116,7 +117,7 @@ def wild(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return times, powers, np.full(powers.shape, 0.005)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 13])
+@pytest.mark.parametrize("seed", swept([0, 1, 2, 3, 13], 0, 3))
 def test_a_run_of_any_powers_at_a_row_ends_without_an_error(seed: int) -> None:
     times, powers, floors = wild(seed)
     for worker in (

@@ -11,6 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from shared_viewer import pixels, running_viewer
 from shot_sessions import shot_labels, write_shots
+from sweeps import swept
 
 from groundtrace.pipeline.config import build_pipeline, named_pipelines, parse_pipeline
 from groundtrace.pipeline.engine import ReplaySession, replay
@@ -155,7 +156,9 @@ def complaints_and_sameness(
     return reports, same, len(views)
 
 
-@pytest.mark.parametrize("kind", ["room", "bearings", "walker", "shots", "vehicle"])
+@pytest.mark.parametrize(
+    "kind", swept(["room", "bearings", "walker", "shots", "vehicle"], "walker")
+)
 def test_every_view_shows_its_data_and_none_complains(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, viewer: SharedViewer
 ) -> None:

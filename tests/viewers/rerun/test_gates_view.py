@@ -191,6 +191,7 @@ def test_a_miss_is_drawn_without_complaint_and_with_its_colours(
         assert near(pixels, colour) > 40
 
 
+@pytest.mark.sweep
 def test_a_whole_result_a_room_and_aboth_are_drawn_without_complaint(
     tmp_path: Path, both: Path, viewer: SharedViewer
 ) -> None:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from shared_viewer import SharedViewer
 
 
+@pytest.mark.sweep
 def test_all_views_of_a_room_are_drawn_without_complaint(tmp_path: Path) -> None:
     png = tmp_path / "room.png"
     try:

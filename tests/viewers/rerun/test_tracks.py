@@ -102,6 +102,7 @@ def test_the_map_shows_all_of_a_track_before_the_cursor() -> None:
     assert list(view.visualizer_overrides) == [path]
 
 
+@pytest.mark.sweep
 def test_a_map_with_tracks_is_drawn_without_complaint(walked: Path, viewer: SharedViewer) -> None:
     state, _ = viewer.show(walked, 2.6)
     assert {v.name: v.reports for v in state.views if v.reports} == {}

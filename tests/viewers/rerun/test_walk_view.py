@@ -62,6 +62,7 @@ def test_every_candidate_is_a_mark_at_its_peak_on_the_filtered_signal(
     assert all(on[t] == pytest.approx(v, abs=1e-3) for t, [v] in zip(times, valleys, strict=True))
 
 
+@pytest.mark.sweep
 def test_masses_of_each_sensor_and_combined_add_up_to_one(tmp_path: Path) -> None:
     path = replayed(tmp_path / "masses.rrd", "dstp")
     for source in ("accelerometer", "gyroscope", "combined"):

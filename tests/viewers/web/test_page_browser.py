@@ -112,6 +112,7 @@ def rows(page: Page, listed: str) -> list[str]:
     return page.locator(f"#{listed} li .kind").all_text_contents()
 
 
+@pytest.mark.sweep
 def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
     recording = write_walk(tmp_path / "walk.mcap")
     with serving(recording, "--author", "ada") as served:
@@ -161,6 +162,7 @@ def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
     assert kept["note"].note == "<img src=x onerror=alert(1)> m f s"
 
 
+@pytest.mark.sweep
 def test_a_page_of_one_file_keeps_marks_itself_and_gives_them_away(
     page: Page, tmp_path: Path
 ) -> None:
@@ -202,6 +204,7 @@ def test_a_page_of_one_file_keeps_marks_itself_and_gives_them_away(
     assert {url.partition(":")[0] for url in asked} <= {"file", "blob", "data"}
 
 
+@pytest.mark.sweep
 def test_a_page_goes_on_with_a_recording_that_is_written(page: Page, tmp_path: Path) -> None:
     whole = write_as_logged(write_walk(tmp_path / "walk12.mcap"), tmp_path / "whole.mcap")
     growing = tmp_path / "walk.mcap"

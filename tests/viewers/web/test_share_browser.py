@@ -99,6 +99,7 @@ def test_a_recording_in_pieces_has_all_its_messages(page: Page, walk: Walk) -> N
     assert len(rrd) - sum(map(len, messages(rrd))) < 64
 
 
+@pytest.mark.sweep
 def test_the_viewer_in_the_page_lives_with_notes_it_has_no_glyphs_for(
     page: Page,  # noqa: F811
     tmp_path: Path,
@@ -122,6 +123,7 @@ def test_the_viewer_in_the_page_lives_with_notes_it_has_no_glyphs_for(
         page.wait_for_selector("#events li.here[data-kind=missed]")
 
 
+@pytest.mark.sweep
 def test_a_folder_shows_the_replay_over_a_plain_server_without_a_network(
     page: Page,  # noqa: F811
     walk: Walk,

@@ -96,6 +96,7 @@ def test_a_replay_for_the_web_is_served_until_ctrl_c(recording: Path) -> None:
     assert not server.is_running()
 
 
+@pytest.mark.sweep
 def test_the_server_of_a_replay_that_is_killed_ends_too(recording: Path) -> None:
     with showing(recording) as page:
         (server,) = psutil.Process(page.process.pid).children()
@@ -341,7 +342,6 @@ def test_a_port_that_is_taken_is_one_line() -> None:
     swept(
         product((serving, showing), (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)),
         (serving, signal.SIGTERM),
-        (showing, signal.SIGHUP),
     ),
 )
 def test_its_folder_goes_with_it(
@@ -357,6 +357,7 @@ def test_its_folder_goes_with_it(
         assert not list(tmp_path.glob("groundtrace-*"))
 
 
+@pytest.mark.sweep
 def test_the_folder_of_one_that_was_killed_goes_with_the_next_start(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
