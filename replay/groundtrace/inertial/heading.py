@@ -10,6 +10,7 @@ It can be used without a pipeline::
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import replace
 from functools import cache
 from itertools import repeat
@@ -406,9 +407,9 @@ class HeadingStage(Stage):
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
 
+    @abstractmethod
     def filter(self, rate_hz: float) -> HeadingFilter:
         """Return a filter of samples at a rate [Hz]."""
-        raise NotImplementedError
 
     @property
     def memory(self) -> Memory:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -98,9 +99,9 @@ class ArrayMethod(Stage):
         p = self.parameters
         return Memory(p.before_s + 2 * KEEP_NS / NS_PER_S, p.after_s)
 
+    @abstractmethod
     def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Begin with a stream; return the names of the candidates' channels, none if it cannot."""
-        raise NotImplementedError
 
     def measure(self, window: Window, *, beforehand: bool = False) -> Any:  # noqa: ARG002
         """Return what is measured around one step, for `examine`: of the window and the site alone.
@@ -114,9 +115,9 @@ class ArrayMethod(Stage):
         """
         return window
 
+    @abstractmethod
     def examine(self, measured: Any) -> Candidates:
         """Return what is found around one step, in the order of (time, channel)."""
-        raise NotImplementedError
 
     def remarks(self, time_ns: int) -> Iterable[Note]:  # noqa: ARG002
         """Return what a person should know after the step just examined, each only once."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import deque
 from dataclasses import dataclass, field
 from statistics import median
@@ -295,17 +296,17 @@ class ArrivalLocalizer(Stage):
         self._positions = site.positions
         return self.prepare(site)
 
+    @abstractmethod
     def prepare(self, site: PlacedSensors) -> str:
         """Prepare for a site; return what it lacks, or an empty text."""
-        raise NotImplementedError
 
     def model_check(self) -> ModelCheck | None:
         """Return what looks at the residuals; None where they are no times."""
         return None
 
+    @abstractmethod
     def locate(self, times_s: Array) -> LocationEstimate:
         """Return the place for arrivals, shape (n,), NaN where a sensor has none."""
-        raise NotImplementedError
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Prepare for the site of the channels that are picked, or begin anew without arrivals."""

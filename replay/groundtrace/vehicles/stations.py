@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -175,21 +176,21 @@ class CycleStage(Stage):
         self._join: StationJoin | None = None
         self._channels: tuple[str, ...] = ()
 
+    @abstractmethod
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin; return the names of the candidates' channels."""
-        raise NotImplementedError
 
+    @abstractmethod
     def take(self, cycle: StationPowers) -> Candidates:
         """Take the next cycle; return what is to be decided."""
-        raise NotImplementedError
 
+    @abstractmethod
     def finish(self) -> Candidates:
         """End of a run of cycles; return what is to be decided of it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def follow(self, accepted: NDArray[np.bool_]) -> Iterable[Event]:
         """Yield the events of the candidates just returned, by whether they were accepted."""
-        raise NotImplementedError
 
     def stations_of(self, context: Context) -> Stations:
         """Return the stations: those that have places."""
