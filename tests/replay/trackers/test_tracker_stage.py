@@ -15,7 +15,7 @@ from groundtrace.pipeline.config import build_pipeline, parse_pipeline, wire
 from groundtrace.pipeline.parameters import build
 from groundtrace.pipeline.plugins import stage_named
 from groundtrace.pipeline.stage import StageConfig, StageRunner
-from groundtrace.trackers.walkers import WalkersParameters, WalkerTracker
+from groundtrace.trackers.walkers import COMMON, WalkersParameters, WalkerTracker
 from groundtrace_codecs.events import (
     SMOOTHED,
     CandidateBlock,
@@ -95,6 +95,23 @@ def test_points_have_place_velocity_covariance_and_nis() -> None:
     assert last.covariance[0] == pytest.approx(0.471443 * 0.25, abs=1e-5)
     assert last.nis == pytest.approx(0, abs=1e-6)
     assert np.isnan((first.vx_mps, first.vy_mps, first.nis)).all()
+
+
+def test_smoothed_points_hold_the_truth_as_they_say_where_fixes_err_alike_during_a_walk() -> None:
+    random = np.random.default_rng(7)
+    sigma_m, squares = WalkersParameters().sigma_r, []
+    for _ in range(40):
+        turns = np.cumsum(random.normal(0, WalkersParameters().sigma_q, (20, 2)), axis=0)
+        walk = np.cumsum(turns + np.array([0.35, 0]), axis=0)
+        alike = random.normal(0, sigma_m * COMMON**0.5, 2)
+        places = walk + alike + random.normal(0, sigma_m * (1 - COMMON) ** 0.5, (20, 2))
+        fixes = [fix(0.5 * k, x, y) for k, (x, y) in enumerate(places.tolist())]
+        for point in points(tracked(fixes), smooth=True):
+            off = walk[round((point.time_ns - at(0)) / 5e8)] - (point.x_m, point.y_m)
+            xx, xy, yy = point.covariance
+            squares.append(off @ np.linalg.inv([(xx, xy), (xy, yy)]) @ off)
+    assert len(squares) > 700
+    assert 0.6 < np.mean(np.array(squares) < -2 * np.log(1 - 0.68)) < 0.8
 
 
 def test_without_smoothing_there_are_filtered_points_alone() -> None:
