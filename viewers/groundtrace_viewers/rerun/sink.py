@@ -161,7 +161,7 @@ class RerunSink:
         self._outlet = Outlet(recording, growing, *viewers, name=self.path)
         self._session, self._recording = session, recording
         self._watched = self._watched or self._spawn or (session.live and self._web)
-        pace = _pace(session, watched=self._watched)
+        pace = _pace(session, watched=self._watched, native=self._spawn)
         # truth of what is still to come would show a time that nothing has reached
         shown = replace(session, labels=(), annotations=()) if session.live else session
         context = ViewContext(
@@ -422,20 +422,25 @@ class Pace(NamedTuple):
     chunk_s: float | None
 
 
-#: Where nobody watches, where somebody does, and where the signal comes as it is recorded. Chosen
-#: by judgement: few large chunks are read fast, and a person notices a fifth of a second.
+#: Where nobody watches, where somebody does, and where the signal comes as it is recorded: to the
+#: native viewer, and to a page. Chosen by judgement: few large chunks are read fast, and a person
+#: notices a fifth of a second. Of a page bench/live_latency.py --browser, of 0.2, 0.5 and 1 s: a
+#: browser that draws without a graphics card takes in few messages, and is 15, 10 and 2.6 s behind.
 UNWATCHED = Pace(60 * NS_PER_S, LAG_NS, None)
 WATCHED = Pace(NS_PER_S, REACH_NS[1] + NS_PER_S // 20, 0.5)
 LIVE = Pace(NS_PER_S // 5, REACH_NS[1] + NS_PER_S // 20, 0.1)
+LIVE_PAGE = Pace(NS_PER_S, REACH_NS[1] + NS_PER_S // 20, 0.25)
 #: What a viewer may hold that follows a recording which may go on for days; it drops the oldest.
 #: Chosen by judgement: beside it there is room on a laptop of 8 GB.
 VIEWER_LIMITS = ("--memory-limit", "2GiB", "--server-memory-limit", "256MiB")
 
 
-def _pace(session: ReplaySession, *, watched: bool) -> Pace:
+def _pace(session: ReplaySession, *, watched: bool, native: bool) -> Pace:
     if not watched:
         return UNWATCHED
-    return LIVE if session.live else WATCHED
+    if not session.live:
+        return WATCHED
+    return LIVE if native else LIVE_PAGE
 
 
 class TimelineReplay:
