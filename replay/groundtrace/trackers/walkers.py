@@ -15,7 +15,7 @@ Paths that people walk along may be known beforehand, as the outlook of the thes
 near one is drawn to it, by the variances of both.
 
 A track that ended is smoothed. Errors of fixes are in part the same during a whole walk, for they
-come of the same sensors and floor, and no smoother takes these away: to its covariances a tenth of
+come of the same sensors and floor, and no smoother takes these away: to its covariances a part of
 that which all fixes of the track have together is added.
 """
 
@@ -383,8 +383,8 @@ def smoothed_points(track: Track, stage: str) -> list[TrackPoint]:
     states = np.stack([step.state for step in track.steps])
     spreads = np.stack([step.spread for step in track.steps])
     motions = [step.motion for step in track.steps]
-    fixes = np.linalg.inv(np.mean([np.linalg.inv(step.noise) for step in track.steps], axis=0))
-    common = COMMON * np.tile(fixes, (2, 2))
+    information = np.linalg.inv(np.stack([step.noise for step in track.steps]))
+    common = COMMON * np.tile(np.linalg.inv(information.mean(axis=0)), (2, 2))
     found = zip(track.steps, *smoothed(states, spreads, motions), strict=True)
     steps = [replace(step, state=state, spread=spread + common) for step, state, spread in found]
     return _points(steps, None, track.number, stage + SMOOTHED)

@@ -428,8 +428,8 @@ class Pace(NamedTuple):
 #: browser that draws without a graphics card takes in few messages, and is 15, 10 and 2.6 s behind.
 UNWATCHED = Pace(60 * NS_PER_S, LAG_NS, None)
 WATCHED = Pace(NS_PER_S, REACH_NS[1] + NS_PER_S // 20, 0.5)
-LIVE = Pace(NS_PER_S // 5, REACH_NS[1] + NS_PER_S // 20, 0.1)
-LIVE_PAGE = Pace(NS_PER_S, REACH_NS[1] + NS_PER_S // 20, 0.25)
+LIVE = WATCHED._replace(flush_ns=NS_PER_S // 5, chunk_s=0.1)
+LIVE_PAGE = WATCHED._replace(chunk_s=0.25)
 #: What a viewer may hold that follows a recording which may go on for days; it drops the oldest.
 #: Chosen by judgement: beside it there is room on a laptop of 8 GB.
 VIEWER_LIMITS = ("--memory-limit", "2GiB", "--server-memory-limit", "256MiB")
