@@ -78,7 +78,7 @@ def picked(x: np.ndarray, sos: np.ndarray, alpha: float, length: int, block: int
         complete, columns = (filled + len(part)) // length, frame.filled
         levels, values = np.empty((channels, complete)), frame.completed_by(complete)
         of_frame = (frame.open_frame, columns, COLUMNS)
-        picker.variance_cells(
+        picker.variance_cells(part.dtype)(
             part, sections, alpha, state, filled, length, *of_frame, filtered, levels, values
         )
         filled = (filled + len(part)) % length

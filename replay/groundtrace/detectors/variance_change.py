@@ -106,9 +106,11 @@ class _Variance:
         filled, first, columns = self._filled, self._first, frames.filled
         complete = (filled + n) // self._length
         levels, values = np.empty((self._count, complete)), frames.completed_by(complete)
-        known = block.samples.dtype in kernels.picker.STORED
-        kernels.picker.variance_cells(
-            block.samples if known else block.samples.astype(np.float64),
+        samples = block.samples
+        if samples.dtype not in kernels.picker.STORED:
+            samples = samples.astype(np.float64)
+        kernels.picker.variance_cells(samples.dtype)(
+            samples,
             self._sections,
             self._alpha,
             self._channels,

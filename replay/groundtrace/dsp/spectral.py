@@ -122,7 +122,7 @@ class WindowPower:
         if count > 0:
             windows = sliding_window_view(rows[:, start:], self.window, axis=1)[:, ::hop]
             fold = (self._pairs, self._weights, self._share)
-            kernels.spectra.window_power(
+            kernels.spectra.window_power(kind)(
                 windows[:, :count], *fold, self._waves, self._terms, self._sums, power
             )
         return power.reshape(*samples.shape[:-1], *power.shape[1:])[..., : self.frequencies]

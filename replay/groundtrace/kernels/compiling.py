@@ -21,6 +21,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     F = TypeVar("F", bound=Callable[..., Any])
+    #: Gives a function for samples of a type.
+    Typed = Callable[[np.dtype[Any]], F]
 
 #: What numba imports where it is, and does without where it is not.
 OPTIONAL = frozenset({"cffi", "coverage", "scipy.linalg", "yaml"})
@@ -97,6 +100,28 @@ def compiled(signature: Any) -> Callable[[F], F]:
     return compile_it
 
 
+def compiled_for(signature_of: Callable[[np.dtype[Any]], Any]) -> Callable[[F], Typed[F]]:
+    """Compile a function for samples of one type when it is first asked for by that type.
+
+    A recording has one type of samples: those for others would be compiled for nothing. The
+    function is called as ``function(kind)(...)``.
+
+    Parameters
+    ----------
+    signature_of
+        Gives the signature, as :func:`compiled` takes it, of a type of samples.
+    """
+
+    def compile_them(function: F) -> Typed[F]:
+        @cache
+        def compiled_of(kind: np.dtype[Any]) -> F:
+            return compiled(signature_of(kind))(function)
+
+        return compiled_of
+
+    return compile_them
+
+
 def inlined(function: F) -> F:
     """Compile a function for those of this folder that call it, with whatever types they give."""
     return cast("F", _njit(function))
@@ -125,7 +150,7 @@ def _announce(module: str, file: str) -> None:
         return
     with suppress(OSError):
         (FOLDER / module).touch(exist_ok=False)
-        count = Path(file).read_text("utf-8").count("\n@compiled(")
+        count = Path(file).read_text("utf-8").count("\n@compiled")
         about = f"{count} functions, about {max(1, round(count * FUNCTION_S))} s"
         print(f"compiling {module} once: {about}", file=sys.stderr)
 

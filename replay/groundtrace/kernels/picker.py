@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from .compiling import compiled, inlined, record
+from .compiling import compiled, compiled_for, inlined, record
 from .frames import FRAMES, add_column, close_frame
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _close(
         c.at_cell[j] = c.level[j] = _without_tail(c.level[j])
 
 
-@compiled([_cells(kind) for kind in STORED])
+@compiled_for(_cells)
 def variance_cells(
     samples: NDArray[Any],
     sections: NDArray[np.void],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from .compiling import compiled, inlined, record
+from .compiling import compiled_for, inlined, record
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
@@ -40,13 +40,13 @@ def zeros(kind: np.dtype[np.void], *shape: int) -> NDArray[np.void]:
     return room[start : start + size].view(kind).reshape(shape)
 
 
-def _arguments(kind: Any) -> Any:
-    windows = numba.types.Array(kind, 3, "A", readonly=True)
-    plain = np.dtype(kind.name)
+def _arguments(kind: np.dtype[Any]) -> Any:
+    real = numba.from_dtype(kind)
+    windows = numba.types.Array(real, 3, "A", readonly=True)
     shapes = ((PAIRS, WAVES), (PAIRS,), (WAVES,))
-    waves, terms, sums = (numba.from_dtype(record_of(plain, *shape)) for shape in shapes)
+    waves, terms, sums = (numba.from_dtype(record_of(kind, *shape)) for shape in shapes)
     records = (waves[:, ::1], terms[::1], sums[::1])
-    return numba.void(windows, numba.i8[:, ::1], kind[:, ::1], kind, *records, kind[:, :, ::1])
+    return numba.void(windows, numba.i8[:, ::1], real[:, ::1], real, *records, real[:, :, ::1])
 
 
 @inlined
@@ -63,7 +63,7 @@ def _add(s: Any, t: Any, w: Any) -> None:
             s.even_sine[k], s.odd_sine[k] = even_sine, odd_sine
 
 
-@compiled([_arguments(numba.f4), _arguments(numba.f8)])
+@compiled_for(_arguments)
 def window_power(
     windows: Real,
     pairs: Indices,
