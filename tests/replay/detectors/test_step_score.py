@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from step_accuracy import read
 
 from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
-from groundtrace.detectors.step_score import TAPS, Scores, Surroundings
+from groundtrace.detectors.step_score import SCALES, TAPS, USUAL_STEP_S, Scores, Surroundings
 from groundtrace.evaluation.matching import match
 from groundtrace.pipeline.conformance import run
 from groundtrace.pipeline.source import Source
@@ -111,7 +111,7 @@ def test_surroundings_of_candidates_do_not_depend_on_how_points_come(
     rng = np.random.default_rng(seed)
     seen = rng.normal(0, 2, (2 * len(TAPS), length))
     said = ndimage.gaussian_filter1d(rng.normal(0, 15, (3, length)), 40 * slow / 6, axis=1)
-    step_s = slow * np.exp(rng.normal(0, 0.05, (1, length)))
+    step_s = np.minimum(slow * np.exp(rng.normal(0, 0.05, (1, length))), USUAL_STEP_S * SCALES[-2])
 
     def around(parts: list[np.ndarray]) -> list[np.ndarray]:
         stage, width = Surroundings(), 2 * len(TAPS)
