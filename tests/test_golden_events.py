@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from golden_events import CASES, GOLDEN, case_name, differences, encoded, golden, replayed
 
+from groundtrace import kernels
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, named_pipelines
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -19,10 +22,24 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("golden")
 
 
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """The compiled files that are asked for from now on."""
+    load, names = kernels.__getattr__, set()
+    monkeypatch.setattr(kernels, "__getattr__", lambda name: names.add(name) or load(name))
+    for name in kernels.__all__:  # as if none was asked for yet
+        vars(kernels).pop(name, None)
+    return names
+
+
 @pytest.mark.parametrize(("recording", "pipeline"), CASES, ids=[case_name(*c) for c in CASES])
-def test_events_are_golden(recordings: Path, recording: str, pipeline: str) -> None:
+def test_events_are_golden(
+    recordings: Path, recording: str, pipeline: str, asked: set[str]
+) -> None:
     found = replayed(recordings, recording, pipeline)
     assert differences(golden(recording, pipeline), found) == []
+    if pipeline in named_pipelines():  # its stages name the compiled files that they run
+        assert asked <= build_pipeline(load_pipeline(pipeline)).compiles
 
 
 def test_every_shipped_pipeline_has_golden_events() -> None:

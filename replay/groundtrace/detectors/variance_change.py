@@ -151,6 +151,7 @@ class VarianceChange(Stage):
     Parameters = VarianceChangeParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Pick,)
+    compiles = ("frames", "maxima", "picker")
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "signal", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())

@@ -92,6 +92,7 @@ class ZeroVelocityDetector(Stage):
     Parameters = ZeroVelocityParameters
     takes = (Input(SignalBlock, frozenset({"acceleration", "angular_velocity"})),)
     gives = (StepEvent,)
+    compiles = ("frames", "grid", "steps")
     columns = (Quantity("stillness", "1"), Quantity("duration", "s"), Quantity("motion", "1"))
     sought = "the begin of a stance"
     trace = trace_of(Quantity("stillness", "1"), "1", "m/s2")

@@ -401,6 +401,7 @@ class HeadingStage(Stage):
         Input(SignalBlock, frozenset({"magnetic_field"}), hold=False, required=False),
     )
     gives = (Heading, Disturbance)
+    compiles = ("attitude", "grid", "steps")
     scope = "placement"
     rounds = ("angular_velocity",)
 

@@ -418,6 +418,7 @@ class FootNavigator(Stage):
         Input(SignalBlock, hold=False, required=False),  # a field, or what else it has
     )
     gives = (TrackPoint,)
+    compiles = ("navigation",)
     feedback = True
     #: What it takes, in words.
     needs = "three axes of a foot"

@@ -330,6 +330,7 @@ class DeadReckoning(Stage):
         Input(Label, required=False),
     )
     gives = (TrackPoint, Heading)
+    compiles = ("attitude", "reckoning", "strides")
     columns = PedestrianDeadReckoning.columns
     gates = PedestrianDeadReckoning.gates
     ends_at = "clock step"

@@ -736,6 +736,7 @@ class StepTypes(Stage):
     Parameters = StepTypeParameters
     takes = (Input(SignalBlock, hold=False), Input(StepEvent))
     gives = (StepEvent,)
+    compiles = ("axes", "grid", "patterns", "strides")
     columns = (
         Quantity("evidence", "1"),
         Quantity("share", "1"),

@@ -12,6 +12,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from . import (
         attitude,
         axes,
@@ -45,6 +47,12 @@ __all__ = [
     "strides",
     "tracking",
 ]
+
+
+def compile_new(names: Collection[str]) -> None:
+    """Compile files of this folder that never were, as :func:`.compiling.compile_new` does."""
+    if names:
+        import_module(f"{__name__}.compiling").compile_new(names)
 
 
 def __getattr__(name: str) -> Any:

@@ -16,12 +16,15 @@ from __future__ import annotations
 import gc
 import hashlib
 import os
+import re
 import shutil
+import subprocess
 import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -31,7 +34,7 @@ import numpy as np
 from ..runtime import unconfigured
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     F = TypeVar("F", bound=Callable[..., Any])
     #: Gives a function for samples of a type.
@@ -94,7 +97,7 @@ def compiled(signature: Any) -> Callable[[F], F]:
     """
 
     def compile_it(function: F) -> F:
-        _announce(function.__module__, function.__code__.co_filename)
+        _announce(function.__module__)
         return cast("F", _njit(function, signature))
 
     return compile_it
@@ -122,6 +125,67 @@ def compiled_for(signature_of: Callable[[np.dtype[Any]], Any]) -> Callable[[F], 
     return compile_them
 
 
+def compile_new(names: Iterable[str]) -> None:
+    """Compile files of this folder that never were, together with another process.
+
+    Each of both takes the next one that neither has begun. Compiling holds the interpreter's lock,
+    so that a thread more would not help. Where the other process cannot be started, or fails, this
+    one compiles what it needs when it is asked for.
+
+    Parameters
+    ----------
+    names
+        Of the files, without their ending.
+    """
+    new = {name for name in names if not _marker(name).exists()}
+    new -= {other for name in new for other in _imported_by(name)}
+    python = Path(sys.executable or "").stem.startswith("python")
+    if len(new) < 2 or not python or numba.config.DISABLE_JIT or not FOLDER.is_dir():
+        return
+    longest_first = sorted(new, key=lambda name: (-len(_source(name)), name))
+    count = sum(map(_count, new))
+    _say(f"compiling {len(new)} files once, two at a time: {count} functions", count / 2)
+    code = f"from {__name__} import compile_next; compile_next({longest_first})"
+    silent = subprocess.DEVNULL
+    try:
+        helper = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=silent, stdout=silent, stderr=silent
+        )
+    except OSError:
+        return
+    with helper:
+        try:
+            compile_next(longest_first)
+        except BaseException:
+            helper.terminate()
+            raise
+
+
+def compile_next(names: Iterable[str]) -> None:
+    """Compile those files of this folder that no process has begun, one after the other."""
+    for name in names:
+        if _first_of(name):
+            import_module(f"{__package__}.{name}")
+
+
+def _source(name: str) -> str:
+    return (_HERE / f"{name}.py").read_text("utf-8")
+
+
+def _count(name: str) -> int:
+    """Return how many functions of a file are compiled by themselves."""
+    return _source(name).count("\n@compiled")
+
+
+def _imported_by(name: str) -> list[str]:
+    return re.findall(r"^from \.(\w+) import", _source(name), re.M)
+
+
+def _say(what: str, functions: float) -> None:
+    if sys.stderr.isatty():
+        print(f"{what}, about {max(1, round(functions * FUNCTION_S))} s", file=sys.stderr)
+
+
 def inlined(function: F) -> F:
     """Compile a function for those of this folder that call it, with whatever types they give."""
     return cast("F", _njit(function))
@@ -144,15 +208,28 @@ def _njit(function: Any, *signature: Any) -> Any:
         numba.config.CACHE_DIR = before
 
 
-def _announce(module: str, file: str) -> None:
+def _marker(name: str) -> Path:
+    """Return the file that says that a file of functions is compiled, or was begun to be."""
+    return FOLDER / name
+
+
+def _first_of(name: str) -> bool:
+    """Return whether no process has begun to compile a file before; from now on one has."""
+    try:
+        _marker(name).touch(exist_ok=False)
+    except OSError:
+        return False
+    return True
+
+
+def _announce(module: str) -> None:
     """Say on a terminal that a file of functions is compiled, when its first one asks for it."""
-    if numba.config.DISABLE_JIT or not sys.stderr.isatty():
+    package, _, name = module.rpartition(".")
+    if numba.config.DISABLE_JIT or module in _begun or package != __package__:
         return
-    with suppress(OSError):
-        (FOLDER / module).touch(exist_ok=False)
-        count = Path(file).read_text("utf-8").count("\n@compiled")
-        about = f"{count} functions, about {max(1, round(count * FUNCTION_S))} s"
-        print(f"compiling {module} once: {about}", file=sys.stderr)
+    _begun.add(module)
+    if _first_of(name):
+        _say(f"compiling {module} once: {_count(name)} functions", _count(name))
 
 
 def _writable(folder: Path) -> bool:
@@ -183,5 +260,7 @@ def _folder() -> Path:
     return folder
 
 
+#: Files of which a function was compiled or loaded by this process.
+_begun: set[str] = set()
 #: Where what is compiled is kept.
 FOLDER = _folder()

@@ -364,6 +364,7 @@ class TimesAmplitudes(ArrayMethod):
     takes = takes_steps(SEISMIC_QUANTITIES)
     needs = "places of three or more sensors"
     gives = (Fix,)
+    compiles = ("locate",)
     site_lengths = True
     columns = columns("s")
     gates = gates("s", "max_residual_s")

@@ -273,6 +273,7 @@ class ArrivalLocalizer(Stage):
 
     takes = (Input(Pick), Input(StepEvent))
     gives = (Fix,)
+    compiles = ("locate",)
     ends_at = "clock step"
     site_lengths = True
 

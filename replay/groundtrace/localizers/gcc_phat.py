@@ -209,6 +209,7 @@ class GccPhat(ArrayMethod):
     takes = takes_steps(SEISMIC_QUANTITIES)
     needs = "three or more channels"
     gives = (Pick,)
+    compiles = ("locate",)
     columns = COLUMNS
     gates = (
         CorrelationOnlyLevel("height", "1", "min_height"),

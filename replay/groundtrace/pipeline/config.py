@@ -260,6 +260,12 @@ class Pipeline:
             return False
         return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
 
+    @property
+    def compiles(self) -> set[str]:
+        """Files of compiled functions that its stages say they run."""
+        kinds = (getattr(stage, "kind", None) for stage in self.stages)
+        return {name for kind in kinds for name in getattr(kind, "compiles", ())}
+
     def with_stages(self, stages: Sequence[Taking]) -> Pipeline:
         """Return the same pipeline with others in the place of its stages."""
         of = self.memories, self.measured

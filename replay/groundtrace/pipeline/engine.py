@@ -17,6 +17,7 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, Note, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
+from .. import kernels
 from .warned import WarningCounter
 
 if TYPE_CHECKING:
@@ -140,6 +141,8 @@ class ReplayLoop:
     def through(self, source: Iterable[Item]) -> ReplayCounts:
         """Take everything that a source gives, until its end."""
         began = time.perf_counter()
+        if cores() > 1:
+            kernels.compile_new(self._pipeline.compiles)
         items = iter(source)
         while (item := self._next(items)) is not None:
             self._take(item)

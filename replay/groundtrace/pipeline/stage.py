@@ -265,7 +265,9 @@ class Stage(Protocol):
       first, the last one after all others: what stands beside it is then known. Empty: streams come
       as they do;
     - ``feedback``: what is decided changes what is measured later;
-    - ``site_lengths``: its columns and gates in m are in the length unit of the site.
+    - ``site_lengths``: its columns and gates in m are in the length unit of the site;
+    - ``compiles``: files of :mod:`groundtrace.kernels` that it runs: the first replay of an
+      installation compiles half of them in another process.
 
     One that decides in one of several ways, by what ``start`` is told, has the ``gates`` of all of
     them, and there gives itself the ``columns``, ``gates`` and ``trace`` of the way it takes.
@@ -300,6 +302,7 @@ class Stage(Protocol):
     rounds: ClassVar[tuple[str, ...]] = ()
     feedback: ClassVar[bool] = False
     site_lengths: ClassVar[bool] = False
+    compiles: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, parameters: Any) -> None: ...
 

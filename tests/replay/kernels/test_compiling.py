@@ -96,3 +96,22 @@ def test_packages_are_absent_for_the_thread_that_compiles_and_for_no_other() -> 
         "print('absent there, present here')\n"
     )
     assert told == "absent there, present here\n"
+
+
+def test_two_processes_compile_what_is_new_and_each_file_once(tmp_path: Path) -> None:
+    code = (
+        "from pathlib import Path\n"
+        "from groundtrace import kernels\n"
+        "from groundtrace.kernels import compiling\n"
+        "own, load = [], compiling.import_module\n"
+        "compiling.import_module = lambda name: own.append(name) or load(name)\n"
+        "kernels.compile_new({'maxima', 'tracking', 'axes'})\n"
+        "kept = {path.name.partition('.')[0] for path in compiling.FOLDER.rglob('*.nbc')}\n"
+        "print(len(own) < 3, sorted(kept))\n"
+        "own.clear()\n"
+        "kernels.compile_new({'maxima', 'tracking', 'axes'})\n"
+        "print(own)\n"
+    )
+    one, other = _run(code, NUMBA_CACHE_DIR=str(tmp_path)).splitlines()
+    assert one == "True ['axes', 'maxima', 'tracking']"
+    assert other == "[]"
