@@ -147,9 +147,9 @@ def compile_new(names: Iterable[str]) -> None:
     _say(f"compiling {len(new)} files once, two at a time: {count} functions", count / 2)
     code = f"from {__name__} import compile_next; compile_next({longest_first})"
     silent = subprocess.DEVNULL
-    try:
+    try:  # -P: nothing of the working folder is imported
         helper = subprocess.Popen(
-            [sys.executable, "-c", code], stdin=silent, stdout=silent, stderr=silent
+            [sys.executable, "-P", "-c", code], stdin=silent, stdout=silent, stderr=silent
         )
     except OSError:
         return

@@ -13,15 +13,18 @@ import groundtrace.kernels
 FOLDER = Path(groundtrace.kernels.__file__).parent
 
 
-def _run(code: str, **environment: str) -> str:
-    given = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, env=given, check=True, capture_output=True, text=True).stdout
+def _run(code: str, folder: Path | None = None, **environment: object) -> str:
+    """Run code in a folder, of which it imports nothing."""
+    path = os.pathsep.join(p for p in sys.path if p)
+    given = os.environ | {"PYTHONPATH": path} | {k: str(v) for k, v in environment.items()}
+    command = [sys.executable, "-P", "-c", code]
+    ran = subprocess.run(command, env=given, check=True, capture_output=True, text=True, cwd=folder)
+    return ran.stdout
 
 
 def _folder_of(kernels: Path, **environment: str) -> Path:
     code = "from groundtrace.kernels.compiling import FOLDER; print(FOLDER)"
-    return Path(_run(code, PYTHONPATH=str(kernels.parents[1]), **environment).strip())
+    return Path(_run(code, PYTHONPATH=kernels.parents[1], **environment).strip())
 
 
 def _copied(tmp_path: Path) -> Path:
@@ -98,20 +101,34 @@ def test_packages_are_absent_for_the_thread_that_compiles_and_for_no_other() -> 
     assert told == "absent there, present here\n"
 
 
-def test_two_processes_compile_what_is_new_and_each_file_once(tmp_path: Path) -> None:
-    code = (
-        "from pathlib import Path\n"
-        "from groundtrace import kernels\n"
-        "from groundtrace.kernels import compiling\n"
-        "own, load = [], compiling.import_module\n"
-        "compiling.import_module = lambda name: own.append(name) or load(name)\n"
-        "kernels.compile_new({'maxima', 'tracking', 'axes'})\n"
-        "kept = {path.name.partition('.')[0] for path in compiling.FOLDER.rglob('*.nbc')}\n"
-        "print(len(own) < 3, sorted(kept))\n"
-        "own.clear()\n"
-        "kernels.compile_new({'maxima', 'tracking', 'axes'})\n"
-        "print(own)\n"
+NEW = """
+from groundtrace import kernels
+from groundtrace.kernels import compiling
+names, own, load = {'maxima', 'tracking', 'axes'}, [], compiling.import_module
+compiling.import_module = lambda name: own.append(name) or load(name)
+"""
+KEPT = (
+    "print(own, sorted({path.name.partition('.')[0] for path in compiling.FOLDER.rglob('*.nbc')}))"
+)
+
+
+def test_another_process_compiles_what_this_one_has_not_begun(tmp_path: Path) -> None:
+    (tmp_path / "numba.py").write_text("raise SystemExit")  # what a user's folder may have
+    code = NEW + (
+        "compiling.compile_next = lambda names: None\n"  # this one is slow
+        "kernels.compile_new(names)\n"
     )
-    one, other = _run(code, NUMBA_CACHE_DIR=str(tmp_path)).splitlines()
-    assert one == "True ['axes', 'maxima', 'tracking']"
-    assert other == "[]"
+    told = _run(code + KEPT, tmp_path, NUMBA_CACHE_DIR=tmp_path / "kept")
+    assert told == "[] ['axes', 'maxima', 'tracking']\n"
+    again = _run(NEW + "kernels.compile_new(names)\nprint(own)", NUMBA_CACHE_DIR=tmp_path / "kept")
+    assert again == "[]\n"
+
+
+def test_this_process_compiles_what_the_other_does_not(tmp_path: Path) -> None:
+    code = NEW + (
+        "import sys\n"
+        "sys.executable += '-that-is-not-there'\n"
+        "kernels.compile_new(names)\n"
+        "kernels.maxima\n"
+    )
+    assert _run(code + KEPT, NUMBA_CACHE_DIR=tmp_path) == "[] ['maxima']\n"
