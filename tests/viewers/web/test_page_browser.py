@@ -87,7 +87,8 @@ def picture(page: Page, name: str) -> np.ndarray:
 
 def drawn(page: Page, name: str) -> np.ndarray:
     """Wait until the viewer has drawn many colours, and return its part of the picture."""
-    for _ in range(20):
+    until_s = time.monotonic() + PATIENCE_MS / 1000  # a busy machine may draw only after 10 s
+    while time.monotonic() < until_s:
         pixels = picture(page, name)
         if len(np.unique(pixels.reshape(-1, 3), axis=0)) > 1000:
             return pixels
