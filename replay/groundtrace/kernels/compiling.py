@@ -138,12 +138,13 @@ def compile_new(names: Iterable[str]) -> None:
         Of the files, without their ending.
     """
     new = {name for name in names if not _marker(name).exists()}
-    new -= {other for name in new for other in _imported_by(name)}
+    within = {other for name in new for other in _imported_by(name)}
+    new -= within
     python = Path(sys.executable or "").stem.startswith("python")
     if len(new) < 2 or not python or numba.config.DISABLE_JIT or not FOLDER.is_dir():
         return
     longest_first = sorted(new, key=lambda name: (-len(_source(name)), name))
-    count = sum(map(_count, new))
+    count = sum(map(_count, new | within))
     _say(f"compiling {len(new)} files once, two at a time: {count} functions", count / 2)
     code = f"from {__name__} import compile_next; compile_next({longest_first})"
     silent = subprocess.DEVNULL
@@ -165,6 +166,8 @@ def compile_next(names: Iterable[str]) -> None:
     """Compile those files of this folder that no process has begun, one after the other."""
     for name in names:
         if _first_of(name):
+            for other in _imported_by(name):  # told with it
+                _first_of(other)
             import_module(f"{__package__}.{name}")
 
 
