@@ -228,10 +228,7 @@ def _first_of(name: str) -> bool:
 def _announce(module: str) -> None:
     """Say on a terminal that a file of functions is compiled, when its first one asks for it."""
     package, _, name = module.rpartition(".")
-    if numba.config.DISABLE_JIT or module in _begun or package != __package__:
-        return
-    _begun.add(module)
-    if _first_of(name):
+    if package == __package__ and not numba.config.DISABLE_JIT and _first_of(name):
         _say(f"compiling {module} once: {_count(name)} functions", _count(name))
 
 
@@ -263,7 +260,5 @@ def _folder() -> Path:
     return folder
 
 
-#: Files of which a function was compiled or loaded by this process.
-_begun: set[str] = set()
 #: Where what is compiled is kept.
 FOLDER = _folder()

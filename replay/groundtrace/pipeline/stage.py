@@ -266,8 +266,8 @@ class Stage(Protocol):
       as they do;
     - ``feedback``: what is decided changes what is measured later;
     - ``site_lengths``: its columns and gates in m are in the length unit of the site;
-    - ``compiles``: files of :mod:`groundtrace.kernels` that it runs: the first replay of an
-      installation compiles half of them in another process.
+    - ``compiles``: files of :mod:`groundtrace.kernels` that it runs: two processes
+      compile them in the first replay of an installation.
 
     One that decides in one of several ways, by what ``start`` is told, has the ``gates`` of all of
     them, and there gives itself the ``columns``, ``gates`` and ``trace`` of the way it takes.
