@@ -8,6 +8,10 @@ Julier and J. K. Uhlmann, American Control Conference, 1997): with the informati
 inverse of its covariance P_i, and n of them
 
     P^-1 = 1/n sum_i P_i^-1,    x = P 1/n sum_i P_i^-1 x_i.
+
+That bound holds for errors that have everything in common, and so claims too little where they have
+less. A part q of what each tells may be taken for its own, which the others' errors do not share:
+1/n becomes (1 + (n - 1) q) / n, 1/n for q = 0 and 1, as of independent errors, for q = 1.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ import numpy as np
 from groundtrace_codecs.events import Fix, StepEvent
 
 from ..pipeline.gates import Level
-from ..pipeline.parameters import gate
+from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Input, LocationEstimate, Memory, Stage, no_location
 from .base import columns, place_candidate
 from .disagreement import apart
@@ -39,6 +43,10 @@ class IntersectionParameters:
     """Parameters of :class:`CovarianceIntersection`."""
 
     min_picks: Annotated[int, gate("1", "Least number of arrivals, one a channel.", ge=3)] = 3
+    own: Annotated[
+        float,
+        measured("1", "Part of what each tells that the others' errors do not share.", ge=0, le=1),
+    ] = 0.0
 
 
 class CovarianceIntersection(Stage):
@@ -78,7 +86,7 @@ class CovarianceIntersection(Stage):
             return ()
         fixes = [f for f in self._fixes if f.time_ns == item.time_ns and not f.doubted]
         self._fixes.clear()
-        self._found = item.time_ns, intersected(fixes)
+        self._found = item.time_ns, intersected(fixes, self.parameters.own)
         return (place_candidate(*self._found),)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
@@ -88,13 +96,15 @@ class CovarianceIntersection(Stage):
             yield place.fix(time_ns, self._context.plugin, self._context.stage)
 
 
-def intersected(fixes: Sequence[Fix]) -> LocationEstimate:
+def intersected(fixes: Sequence[Fix], own: float = 0.0) -> LocationEstimate:
     """Return the place that fixes of one moment tell together.
 
     Parameters
     ----------
     fixes
         Those whose covariance is finite and not singular count.
+    own
+        Part of what each tells that the others' errors do not share, 0 to 1.
     """
     known = [fix for fix in fixes if _is_known(fix.covariance)]
     if not known:
@@ -102,9 +112,10 @@ def intersected(fixes: Sequence[Fix]) -> LocationEstimate:
     information = [
         np.linalg.inv([(xx, xy), (xy, yy)]) for xx, xy, yy in (f.covariance for f in known)
     ]
-    covariance = np.linalg.inv(np.mean(information, axis=0))
+    mean = np.mean(information, axis=0)
     pulls = [told @ (fix.x_m, fix.y_m) for told, fix in zip(information, known, strict=True)]
-    x, y = (covariance @ np.mean(pulls, axis=0)).tolist()
+    x, y = np.linalg.solve(mean, np.mean(pulls, axis=0)).tolist()
+    covariance = np.linalg.inv(mean) / (1 + (len(known) - 1) * own)
     farthest = max((apart(*two)[1] for two in combinations(known, 2)), default=0.0)
     return LocationEstimate(x, y, covariance, farthest, max(fix.picks for fix in fixes))
 

@@ -64,6 +64,40 @@ def test_two_that_tell_the_same_are_no_surer_than_one() -> None:
     assert (found.x, found.y, found.residual) == pytest.approx((1.0, 2.0, 0.0))
 
 
+@pytest.mark.parametrize(("own", "spread"), [(0.0, 1.0), (0.5, 2 / 3), (1.0, 0.5)])
+def test_what_each_has_of_its_own_makes_the_place_surer_and_leaves_it_where_it_is(
+    own: float, spread: float
+) -> None:
+    two = [fix("one", 1.0, 1.0, ALONG), fix("two", 2.0, 2.0, ACROSS)]
+    found, shared = intersected(two, own), intersected(two)
+    assert (found.x, found.y) == (shared.x, shared.y)
+    np.testing.assert_allclose(found.covariance, spread * shared.covariance)
+    one = intersected(two[:1], own)
+    np.testing.assert_allclose(one.covariance, np.diag([ALONG[0], ALONG[2]]))
+
+
+def test_errors_that_share_nothing_are_claimed_as_they_are() -> None:
+    rng = np.random.default_rng(3)
+    places = rng.normal(
+        scale=np.sqrt([[ALONG[0], ALONG[2]], [ACROSS[0], ACROSS[2]]]), size=(400, 2, 2)
+    )
+    told = [(ALONG, ACROSS)[i] for i in range(2)]
+    found = [
+        intersected(
+            [
+                fix(str(i), *place, spread)
+                for i, (place, spread) in enumerate(zip(those, told, strict=True))
+            ],
+            1.0,
+        )
+        for those in places
+    ]
+    off = np.array([(one.x, one.y) for one in found])
+    np.testing.assert_allclose(
+        off.T @ off / len(off), found[0].covariance, atol=0.15 * found[0].covariance[0, 0]
+    )
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_it_never_claims_more_than_is_known_of_errors_that_are_alike(seed: int) -> None:
     rng = np.random.default_rng(seed)
