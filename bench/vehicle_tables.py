@@ -283,7 +283,7 @@ def roads(pairs: int, rng: np.random.Generator) -> None:
             0.5,
         )
         peaks = [station_peaks(times, power, power, 15.0, 4.0) for power in powers]
-        left = [v for v in driven(observed, peaks, (1.5, 45.0)) if v.prominence_db >= 14]
+        left = [v for v in driven(observed, peaks, (1.5, 45.0)) if v.prominence_db >= 15]
         for v, t in zip(velocity, moment, strict=True):
             first = t - 75 / v
             near = [p for p in left if p.direction == np.sign(v) and late_by(p, first) < 1]
