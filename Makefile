@@ -56,8 +56,11 @@ audit: dev ## the dependencies that are installed, against known faults, where t
 compile: dev ## all kernels, once, before those who would compile them at the same time
 	$(BIN)/python -c "from groundtrace import kernels; [getattr(kernels, name) for name in kernels.__all__]"
 
+# half as many tests again as there are cores: many wait for a process or a browser
+WORKERS := $(shell $(PYTHON) -c "import os; print(max(1, (os.cpu_count() or 1) * 3 // 2))")
+
 test: dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto tests/oracles # as plain Python
 
 sweeps: dev ## tests and cases beside those of every day, and all examples that are drawn

@@ -98,6 +98,18 @@ def test_no_other_pipeline_of_the_room_loads_scipy_to_begin(tmp_path: Path, pipe
     assert not loaded_by(tmp_path, "replay", ROOM, *options) & (SCIPY | OTHERS | EXTRAS | VIEWERS)
 
 
+@pytest.mark.parametrize("name", ["room-walk", "lower-back", "waist-walk", "foot", "shots"])
+def test_a_whole_replay_loads_no_more_of_scipy(tmp_path: Path, name: str) -> None:
+    loaded = loaded_by(tmp_path, "replay", path_of(f"{name}.mcap"), "--no-viewer", "--quiet")
+    assert sorted(loaded & (SCIPY | OTHERS | EXTRAS | VIEWERS)) == []
+
+
+def test_a_replay_of_vehicles_loads_the_functions_of_gamma_alone(tmp_path: Path) -> None:
+    recording = path_of("vehicle-pass.mcap")
+    loaded = loaded_by(tmp_path, "replay", recording, "--no-viewer", "--quiet")
+    assert loaded & (SCIPY | OTHERS | EXTRAS | VIEWERS) <= {"scipy.special"}
+
+
 def test_a_timeline_loads_the_viewer_and_no_more_of_scipy(tmp_path: Path) -> None:
     loaded = loaded_by(tmp_path, "replay", "--to", 1, "--rrd", "room.rrd", "--quiet")
     assert "rerun" in loaded

@@ -241,7 +241,7 @@ class AdaptiveDetector(Stage):
     #: Of a signal in unknown units, see :class:`.body_signals.Upward`.
     mean_is_gravity = True
     gives = (StepEvent,)
-    compiles = ("frames", "grid", "steps")
+    compiles = ("filters", "frames", "grid", "steps")
     columns = ByRhythm.columns
     trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
     gates = ByRhythm.gates + ByScore.gates

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
 
 from groundtrace_codecs.signals import G0_MPS2, NS_PER_S, UNKNOWN_UNITS
 
 from ..dsp.filters import (
     StreamingFilter,
     UnbiasedMean,
+    bessel,
+    butterworth,
     corner,
     forgotten_s,
     phase_delay_s,
@@ -66,10 +67,8 @@ class WalkingSignal:
     """
 
     def __init__(self, rate_hz: float, cutoff_hz: float, gravity_hz: float) -> None:
-        low = signal.bessel(
-            2, corner(cutoff_hz, rate_hz), "low", fs=rate_hz, output="sos", norm="mag"
-        )
-        high = signal.butter(1, corner(gravity_hz, rate_hz), "high", fs=rate_hz, output="sos")
+        low = bessel(corner(cutoff_hz, rate_hz), rate_hz)
+        high = butterworth(1, (corner(gravity_hz, rate_hz),), rate_hz, highpass=True)
         sos = np.concatenate([low, high])
         self._filter = StreamingFilter(sos)
         self.delay_ns = round(phase_delay_s(sos, NOMINAL_CADENCE_HZ, rate_hz) * NS_PER_S)

@@ -586,7 +586,7 @@ class DempsterShaferDetector(Stage):
     Parameters = BeliefParameters
     takes = (Input(SignalBlock, frozenset({"acceleration", "angular_velocity"})),)
     gives = (StepEvent,)
-    compiles = ("frames", "grid", "steps")
+    compiles = ("filters", "frames", "grid", "steps")
     columns = (
         Quantity("height", "m/s2"),
         Quantity("depth", "m/s2"),

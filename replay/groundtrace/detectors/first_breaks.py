@@ -293,7 +293,7 @@ class FirstBreaks(Stage):
     Parameters = FirstBreakParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES), Input(Label, required=False))
     gives = (Pick,)
-    compiles = ("frames", "maxima", "picker", "tracking")
+    compiles = ("filters", "frames", "maxima", "picker", "tracking")
     columns = (
         Quantity("rise", "1"),
         Quantity("deficit", "1"),

@@ -147,7 +147,7 @@ class NoiseStatistics(Stage):
     Parameters = NoiseStatisticsParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Pick,)
-    compiles = ("frames", "picker")
+    compiles = ("filters", "frames", "picker")
     columns = (Quantity("level", "1"), *COLUMNS[1:])
     trace = trace_of(Quantity("level", "1"), "signal", "signal")
     gates = (Level("level", "1", "level"), Refractory())

@@ -68,7 +68,7 @@ class PeakDetector(Stage):
     Parameters = PeakParameters
     takes = (Input(SignalBlock, frozenset({"acceleration"})),)
     gives = (StepEvent,)
-    compiles = ("frames", "grid", "steps")
+    compiles = ("filters", "frames", "grid", "steps")
     columns = (Quantity("height", "m/s2"), Quantity("swing", "m/s2"), Quantity("activity", "m/s2"))
     trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
     gates = (

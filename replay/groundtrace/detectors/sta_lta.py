@@ -78,7 +78,7 @@ class StaLtaPicker(Stage):
     Parameters = StaLtaParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Pick,)
-    compiles = ("frames", "picker")
+    compiles = ("filters", "frames", "picker")
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "slope", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())

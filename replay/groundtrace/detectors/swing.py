@@ -76,7 +76,7 @@ class SwingDetector(Stage):
     Parameters = SwingParameters
     takes = (Input(SignalBlock, frozenset({"acceleration"})),)
     gives = (StepEvent,)
-    compiles = ("frames", "grid", "steps")
+    compiles = ("filters", "frames", "grid", "steps")
     columns = (
         Quantity("peak", "m/s2"),
         Quantity("valley", "m/s2"),

@@ -57,7 +57,7 @@ class ZeroCrossingDetector(Stage):
     Parameters = CrossingParameters
     takes = (Input(SignalBlock, frozenset({"acceleration"})),)
     gives = (StepEvent,)
-    compiles = ("frames", "grid", "steps")
+    compiles = ("filters", "frames", "grid", "steps")
     columns = (Quantity("lobe", "m/s2"), Quantity("depth", "m/s2"))
     sought = "an upward zero crossing"
     trace = trace_of(Quantity("lobe", "m/s2"), "m/s2", "m/s2")

@@ -13,12 +13,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
-from scipy import signal
 
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..dsp.filters import planar
+from ..dsp.filters import WeightedSums, planar
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage
@@ -92,7 +91,7 @@ class ZeroVelocityDetector(Stage):
     Parameters = ZeroVelocityParameters
     takes = (Input(SignalBlock, frozenset({"acceleration", "angular_velocity"})),)
     gives = (StepEvent,)
-    compiles = ("frames", "grid", "steps")
+    compiles = ("filters", "frames", "grid", "steps")
     columns = (Quantity("stillness", "1"), Quantity("duration", "s"), Quantity("motion", "1"))
     sought = "the begin of a stance"
     trace = trace_of(Quantity("stillness", "1"), "1", "m/s2")
@@ -229,8 +228,7 @@ class ZeroVelocityStatistic:
     def __init__(self, rate_hz: float, parameters: ZeroVelocityParameters) -> None:
         self.parameters = parameters
         window = max(1, round(parameters.window_s * rate_hz))
-        self._kernel = np.full(window, 1 / window)
-        self._zi: NDArray[np.float64] | None = None
+        self._means = WeightedSums(np.full(window, 1 / window), at_rest=True)
         #: A window is centred this much before its last sample [ns].
         self.delay_ns = round((window - 1) / 2 / rate_hz * NS_PER_S)
 
@@ -247,13 +245,3 @@ class ZeroVelocityStatistic:
         off = np.maximum(means[axes] - 2 * p.gravity * direction + p.gravity**2, 0.0)
         turning = np.maximum(means[axes + 1], 0.0)
         return np.asarray(off / p.acceleration_sigma**2 + turning / p.rotation_sigma**2)
-
-    def _means(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the means of the windows that end at each sample, shape of ``x``."""
-        # two denominator terms keep lfilter sample by sample: the same sums whatever the blocks
-        kernel, one = self._kernel, [1.0, 0.0]
-        if self._zi is None:
-            held = signal.lfilter_zi(np.append(kernel, 0.0), one)
-            self._zi = x[:, :1] * held[None, : max(len(kernel) - 1, 1)]
-        means, self._zi = signal.lfilter(kernel, one, x, axis=1, zi=self._zi)
-        return np.asarray(means)

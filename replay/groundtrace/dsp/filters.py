@@ -3,10 +3,9 @@
 A signal can also be looked at sample by sample, each once its surroundings are there: what is
 measured at a sample then depends on the samples around it alone, not on the blocks they came in.
 
-scipy.signal is imported by the functions that filter: deciding again from stored candidates needs
-none of its 60 MB. It designs Butterworth filters too, but imports all of statistics, optimisation
-and interpolation for it, most of a second before the first sample: they are designed here, in
-scipy's order of operations, to scipy's bits.
+scipy.signal designs such filters and runs them, too, but imports all of statistics, optimisation
+and interpolation for it, most of a second before the first sample: what is needed of it is here and
+in :mod:`.kernels.filters`, in scipy's order of operations, to scipy's bits.
 """
 
 from __future__ import annotations
@@ -16,6 +15,8 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from .. import kernels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,6 +84,39 @@ def _designed(
         poles, gain = float(warped[0]) / poles, float(np.real(1.0 / np.prod(-poles)))
     else:
         poles, gain = float(warped[0]) * poles, float(warped[0]) ** order
+    return _bilinear(zeros, poles, gain)
+
+
+#: Poles of the analogue Bessel low-pass 3 / (s^2 + 3 s + 3), whose power is a half at 1 rad/s once
+#: they are over the root of (sqrt(45) - 3) / 2. Source: the equations.
+BESSEL = np.array([-1.5 + 0.75**0.5 * 1j, -1.5 - 0.75**0.5 * 1j]) / ((45**0.5 - 3) / 2) ** 0.5
+
+
+def bessel(corner_hz: float, rate_hz: float) -> NDArray[np.float64]:
+    """Design a digital Bessel low-pass of order 2, whose delay hardly depends on frequency.
+
+    Source: W. E. Thomson, Delay networks having maximally flat frequency characteristics, Proc. IEE
+    96 (1949), by the bilinear transform.
+
+    Parameters
+    ----------
+    corner_hz
+        Where the power is a half [Hz], within 0 < f < rate / 2.
+    rate_hz
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    Second-order sections, shape (1, 6).
+    """
+    poles = 4.0 * np.tan(np.pi * corner_hz / rate_hz) * BESSEL
+    return _bilinear(np.zeros(0), poles, float(np.abs(poles[0]) ** 2))
+
+
+def _bilinear(
+    zeros: NDArray[np.float64], poles: NDArray[np.complex128], gain: float
+) -> NDArray[np.float64]:
+    """Return analogue zeros, poles and gain as digital sections at a rate of 2 Hz."""
     gain = gain * float(np.real(np.prod(4.0 - zeros) / np.prod(4.0 - poles)))
     nyquist = np.full(len(poles) - len(zeros), -1.0)
     zeros = np.concatenate([(4.0 + zeros) / (4.0 - zeros), nyquist])
@@ -182,10 +216,14 @@ def forgotten_s(low_hz: float, high_hz: float, order: int = 2) -> float:
 
 def phase_delay_s(sos: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
     """Return by how much ``sos`` delays a sinusoid of ``frequency_hz`` [s]."""
-    from scipy import signal
+    turned = np.exp(-2j * np.pi * frequency_hz / rate_hz * np.arange(3))
+    response = np.prod(sos[:, :3] @ turned / (sos[:, 3:] @ turned))
+    return float(-np.angle(response) / (2 * np.pi * frequency_hz))
 
-    _, response = signal.freqz_sos(sos, worN=[frequency_hz], fs=rate_hz)
-    return float(-np.angle(response[0]) / (2 * np.pi * frequency_hz))
+
+def _rows(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a block as kernels take it."""
+    return np.ascontiguousarray(x, np.float64)
 
 
 class StreamingFilter:
@@ -205,14 +243,14 @@ class StreamingFilter:
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Filter a block, shape (n_channels, n_samples); return the same shape."""
-        from scipy import signal
-
         if x.shape[1] == 0:
             return x
         if self.zi is None:
-            self.zi = steady_state(self.sos)[:, None, :] * x[None, :, :1]
-        y, self.zi = signal.sosfilt(self.sos, x, axis=1, zi=self.zi)
-        return np.asarray(y)
+            held = steady_state(self.sos)[:, None, :] * x[None, :, :1]
+            self.zi = np.ascontiguousarray(held)
+        y = np.empty(x.shape)
+        kernels.filters.sections(_rows(x), self.sos, self.zi, y)
+        return y
 
 
 class ExponentialMean:
@@ -226,19 +264,15 @@ class ExponentialMean:
 
     def __init__(self, coefficient: float) -> None:
         self.coefficient = coefficient
-        self.zi: NDArray[np.float64] | None = None
+        self._held: NDArray[np.float64] | None = None
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Average a block, shape (n_channels, n_samples)."""
-        from scipy import signal
-
-        if x.shape[1] == 0:  # lfilter would lose its state
-            return x
-        if self.zi is None:
-            self.zi = np.zeros((x.shape[0], 1))
-        c = self.coefficient
-        y, self.zi = signal.lfilter([c], [1.0, c - 1.0], x, axis=1, zi=self.zi)
-        return np.asarray(y)
+        if self._held is None:
+            self._held = np.zeros(len(x))
+        means = np.empty(x.shape)
+        kernels.filters.recursive_means(_rows(x), self.coefficient, self._held, means)
+        return means
 
 
 class UnbiasedMean:
@@ -260,6 +294,35 @@ class UnbiasedMean:
         index = np.arange(self._count + 1, self._count + x.shape[1] + 1)
         self._count += x.shape[1]
         return self._mean(x) / (1 - self._keep**index)
+
+
+class WeightedSums:
+    """Sums of the last samples by weights, over blocks, one per channel.
+
+    Parameters
+    ----------
+    weights
+        Shape (k,): of the newest sample first.
+    at_rest
+        Before its first sample a signal was as that is; else it was 0.
+    """
+
+    def __init__(self, weights: NDArray[np.float64], *, at_rest: bool = False) -> None:
+        self.weights = np.array(weights, np.float64)
+        self._at_rest = at_rest
+        self._held: NDArray[np.float64] | None = None
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Add up a block, shape (n_channels, n_samples)."""
+        if x.shape[1] == 0:
+            return x
+        if self._held is None:
+            self._held = np.zeros((len(x), len(self.weights)))
+            if self._at_rest:
+                self._held[:, :-1] = x[:, :1] * np.cumsum(self.weights[:0:-1])[::-1]
+        sums = np.empty(x.shape)
+        kernels.filters.weighted(_rows(x), self.weights, self._held, sums)
+        return sums
 
 
 class SmoothedSlope:
@@ -284,8 +347,7 @@ class SmoothedSlope:
         self.kernel = np.convolve(window / window.sum(), ends / (2 * reach))
         self.delay = len(self.kernel) // 2
         #: The same of what the signal rises by: no offset of it rounds the slope.
-        self._of_rises = np.cumsum(self.kernel)
-        self._zi: NDArray[np.float64] | None = None
+        self._slopes = WeightedSums(np.cumsum(self.kernel))
         self._last: NDArray[np.float64] = np.empty(0)
         self._signal: NDArray[np.float64] = np.empty((0, 0))
         self._skip = self.delay
@@ -298,18 +360,12 @@ class SmoothedSlope:
         Signal and slope of the samples whose slope is complete, aligned; before the run the signal
         is taken to have been constant.
         """
-        from scipy import signal
-
-        if x.shape[1] == 0:  # lfilter would lose its state
+        if x.shape[1] == 0:
             return x, x
-        if self._zi is None:
+        if not self._last.size:
             self._last = x[:, :1]
-            self._zi = np.zeros((x.shape[0], len(self.kernel) - 1))
             self._signal = np.empty((x.shape[0], 0))
-        # two denominator terms keep lfilter sample by sample: the same sums whatever the blocks
-        slope, self._zi = signal.lfilter(
-            self._of_rises, [1.0, 0.0], np.diff(x, prepend=self._last), axis=1, zi=self._zi
-        )
+        slope = self._slopes(np.diff(x, prepend=self._last))
         self._last = x[:, -1:]
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped

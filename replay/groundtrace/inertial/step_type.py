@@ -44,14 +44,13 @@ from statistics import median
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
-from scipy import signal
 
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .. import kernels
 from ..detectors.body_signals import NOMINAL_CADENCE_HZ
-from ..dsp.filters import StreamingFilter, corner, phase_delay_s, planar
+from ..dsp.filters import StreamingFilter, butterworth, corner, phase_delay_s, planar
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.source import NonFiniteHold
@@ -464,8 +463,7 @@ def smoothing(cutoff_hz: float, rate_hz: float) -> NDArray[np.float64]:
     -------
     Second-order sections, shape (2, 6).
     """
-    hz = corner(cutoff_hz, rate_hz)
-    return np.asarray(signal.butter(ORDER, hz, fs=rate_hz, output="sos"))
+    return butterworth(ORDER, (corner(cutoff_hz, rate_hz),), rate_hz)
 
 
 @dataclass(slots=True)
@@ -736,7 +734,7 @@ class StepTypes(Stage):
     Parameters = StepTypeParameters
     takes = (Input(SignalBlock, hold=False), Input(StepEvent))
     gives = (StepEvent,)
-    compiles = ("axes", "grid", "patterns", "strides")
+    compiles = ("axes", "filters", "grid", "patterns", "strides")
     columns = (
         Quantity("evidence", "1"),
         Quantity("share", "1"),

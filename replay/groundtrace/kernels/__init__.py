@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from . import (
         attitude,
         axes,
+        filters,
         frames,
         grid,
         locate,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = [
     "attitude",
     "axes",
+    "filters",
     "frames",
     "grid",
     "locate",

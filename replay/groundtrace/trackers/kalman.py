@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,14 +23,12 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from filterpy.kalman import KalmanFilter
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-#: How a step leads to the next, (6.2), and what of the state is observed, (6.3). By hand: the
-#: kinematic filters of filterpy observe sums of the coordinates. Source: thesis, equations (6.2)
-#: and (6.3).
+#: How a step leads to the next, (6.2), and what of the state is observed, (6.3). Source: thesis,
+#: equations (6.2) and (6.3).
 F = np.kron(np.array([[0.0, 1.0], [-1.0, 2.0]]), np.eye(2))
 H = np.kron(np.array([[0.0, 1.0]]), np.eye(2))
 #: Usual distance between two steps [m], section 6.2.1 of the thesis. Source: thesis, section 6.2.1.
@@ -115,8 +113,63 @@ def first_spread(noise: Array, pace_m: float = PACE_M) -> Array:
     return spread
 
 
-class StepFilter:
-    """The filter of one walker; each call of :meth:`step` is a tick of its clock.
+class LinearFilter:
+    """A Kalman filter, (6.4): what is known of a state, and what an observation says of it.
+
+    The package filterpy has the same, to which tests hold it; but its import takes half a second,
+    as all distributions of SciPy come with it.
+
+    Attributes
+    ----------
+    state, spread
+        Shape (n,), and its covariance, (n, n).
+    gain
+        What a unit of innovation moved the state by in the last update, shape (n, m).
+    nis
+        Square of its innovation, normalised by its covariance; 0 after a prediction.
+    """
+
+    def __init__(self, state: Array, spread: Array) -> None:
+        self.state: Array = np.array(state, np.float64)
+        self.spread: Array = np.array(spread, np.float64)
+        self.gain: Array = np.empty((len(self.state), 0))
+        self.nis = 0.0
+
+    def predict(self, f: Array, q: Array) -> None:
+        """Go on: x = F x, P = F P F' + Q.
+
+        Parameters
+        ----------
+        f, q
+            The transition, and the covariance of its error, shapes (n, n).
+        """
+        self.state = f @ self.state
+        self.spread = f @ self.spread @ f.T + q
+        self.nis = 0.0
+
+    def update(self, z: Array, h: Array, noise: Array) -> None:
+        """Take an observation in, the covariance by Joseph's form, which stays positive.
+
+        Source: R. S. Bucy, P. D. Joseph: Filtering for stochastic processes with applications to
+        guidance, 1968.
+
+        Parameters
+        ----------
+        z, h, noise
+            The observation, shape (m,), what it sees of the state, (m, n), and its covariance.
+        """
+        off = z - h @ self.state
+        across = self.spread @ h.T
+        weight = np.linalg.inv(h @ across + noise)
+        self.gain = gain = across @ weight
+        self.nis = float(off @ weight @ off)
+        left = np.eye(len(self.state)) - gain @ h
+        self.state = self.state + gain @ off
+        self.spread = left @ self.spread @ left.T + gain @ noise @ gain.T
+
+
+class StepFilter(LinearFilter):
+    """The filter of one walker.
 
     Parameters
     ----------
@@ -129,24 +182,8 @@ class StepFilter:
     """
 
     def __init__(self, model: WalkModel, place: Array, spread: Array) -> None:
-        #: Place before and present place, shape (4,) [m], and their covariance, (4, 4) [m^2].
-        self.state: Array = np.concatenate([place, place])
-        self.spread: Array = np.array(spread, np.float64)
+        super().__init__(np.concatenate([place, place]), spread)
         self._straight = Motion.ahead(model)
-
-    @cached_property
-    def _filter(self) -> KalmanFilter:
-        # half a second to load, and a track of one fix has nothing to filter
-        from filterpy.kalman import KalmanFilter
-
-        made = KalmanFilter(dim_x=4, dim_z=2)
-        made.x, made.P, made.H = self.state, self.spread, H
-        return made
-
-    @property
-    def gain(self) -> Array:
-        """What a metre of innovation moved the state by in the last step, shape (4, 2)."""
-        return np.array(self._filter.K, np.float64)
 
     def fit(self, place: Array, noise: Array, motion: Motion | None = None) -> tuple[float, float]:
         """Return how far a fix is from the predicted next step, and how surprising it is.
@@ -177,11 +214,9 @@ class StepFilter:
     def step(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
         """Predict the next step and take its fix in; return the NIS (2 degrees of freedom)."""
         motion = motion or self._straight
-        self._filter.predict(F=motion.f, Q=motion.q)
-        self._filter.update(place, R=noise)
-        self.state = np.array(self._filter.x, np.float64)
-        self.spread = np.array(self._filter.P, np.float64)
-        return float(self._filter.mahalanobis**2)
+        self.predict(motion.f, motion.q)
+        self.update(place, H, noise)
+        return self.nis
 
 
 def smoothed(states: Array, spreads: Array, motions: Sequence[Motion]) -> tuple[Array, Array]:
@@ -201,13 +236,11 @@ def smoothed(states: Array, spreads: Array, motions: Sequence[Motion]) -> tuple[
     States, shape (n, 4) [m], and their covariances, shape (n, 4, 4) [m^2]; the last are the
     filter's own.
     """
-    from filterpy.kalman import KalmanFilter
-
-    n = len(states)
-    if n < 2:
-        return states.copy(), spreads.copy()
-    smoother = KalmanFilter(dim_x=4, dim_z=2)
-    found, covariances, _, _ = smoother.rts_smoother(
-        states, spreads, [motion.f for motion in motions], [motion.q for motion in motions]
-    )
-    return np.asarray(found, np.float64), np.asarray(covariances, np.float64)
+    states, spreads = states.copy(), spreads.copy()
+    for k in range(len(states) - 2, -1, -1):
+        f, q = motions[k + 1].f, motions[k + 1].q
+        ahead = f @ spreads[k] @ f.T + q
+        gain = spreads[k] @ f.T @ np.linalg.inv(ahead)
+        states[k] += gain @ (states[k + 1] - f @ states[k])
+        spreads[k] += gain @ (spreads[k + 1] - ahead) @ gain.T
+    return states, spreads

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -103,6 +102,15 @@ def prominences(level_db: Array, peaks: NDArray[np.intp], reach: int) -> Array:
     return found
 
 
+def tops(level: Array) -> NDArray[np.intp]:
+    """Return where a line is higher than before and after; of an even top, its middle."""
+    ends = np.append(np.flatnonzero(np.diff(level)), len(level) - 1)
+    starts = np.append(0, ends[:-1] + 1)
+    rises = np.diff(level[starts]) > 0
+    high = 1 + np.flatnonzero(rises[:-1] & ~rises[1:])
+    return np.asarray((starts[high] + ends[high]) // 2)
+
+
 def station_peaks(
     times_s: Array, steady: Array, powers: Array, reach_s: float, least_db: float
 ) -> tuple[Peak, ...]:
@@ -124,7 +132,7 @@ def station_peaks(
     if not known.any():
         return ()
     level = 10 * np.log10(np.where(known, steady, steady[known].min()))
-    where, _ = signal.find_peaks(level)
+    where = tops(level)
     stands = prominences(level, where, round(reach_s / cycle_s))
     return tuple(
         _peak(times_s, level, powers, peak, db)

@@ -19,12 +19,19 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from scipy import signal, special
+from scipy import special
 
 from groundtrace_codecs.events import Presence, Quantity
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
-from ..dsp.filters import StreamingFilter, bandpass, corner, forgotten_s, planar
+from ..dsp.filters import (
+    StreamingFilter,
+    WeightedSums,
+    bandpass,
+    corner,
+    forgotten_s,
+    planar,
+)
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import (
@@ -302,11 +309,12 @@ class AnalyticBand:
         width = high - low_hz
         transition = _TRANSITION * min(low_hz, width)
         half = int(np.ceil(_HAMMING * rate_hz / transition / 2))
-        base = signal.firwin(2 * half + 1, width / 2, fs=rate_hz)
-        turn = 2j * np.pi * (low_hz + width / 2) / rate_hz * np.arange(-half, half + 1)
-        self.kernel: NDArray[np.complex128] = 2 * base * np.exp(turn)
+        late = np.arange(-half, half + 1)
+        base = np.sinc(width / rate_hz * late) * np.hamming(len(late))
+        turn = 2j * np.pi * (low_hz + width / 2) / rate_hz * late
+        self.kernel: NDArray[np.complex128] = 2 * base / base.sum() * np.exp(turn)
         self.delay = half
-        self._zi: NDArray[np.complex128] | None = None
+        self._sums = WeightedSums(self.kernel.real), WeightedSums(self.kernel.imag)
         self._times: NDArray[np.int64] = np.empty(0, np.int64)
         self._skip = 2 * half
 
@@ -320,12 +328,8 @@ class AnalyticBand:
         Times and analytic signals of the samples that are complete, shapes (m,) and
         (n_channels, m).
         """
-        if x.shape[1] == 0:  # lfilter would lose its state
-            return times, x.astype(np.complex128)
-        if self._zi is None:
-            self._zi = np.zeros((x.shape[0], len(self.kernel) - 1), np.complex128)
-        # two denominator terms keep lfilter sample by sample: the same sums whatever the blocks
-        y, self._zi = signal.lfilter(self.kernel, [1.0, 0.0], x, axis=1, zi=self._zi)
+        real, imaginary = (sums(x) for sums in self._sums)
+        y = real + 1j * imaginary
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped
         y = np.asarray(y[:, skipped:])
@@ -498,6 +502,7 @@ class VehiclePresence(Stage):
     Parameters = PresenceParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Presence,)
+    compiles = ("filters",)
     columns = (
         Quantity("over_floor", "dB"),
         Quantity("power", "unit^2"),

@@ -374,6 +374,7 @@ class RatioPlaces(Stage):
         Input(CandidateBlock, of=Presence),
     )
     gives = (Fix,)
+    compiles = ("filters",)
     site_lengths = True
     columns = (
         Quantity("heard", "1"),

@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import digamma, polygamma
 
+from ..trackers.kalman import LinearFilter, smoothed
 from ..trackers.kalman import Motion as Step
-from ..trackers.kalman import smoothed
 from .likelihood import CyclePlace, noise_subtracted
 from .lines import Course
 from .medium import cube_root_normalised, ranges, repeated, usable
 from .presence import RELATIVE_SIGMA
 
 if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
     from numpy.typing import NDArray
 
     from .courses import Observed
@@ -139,7 +138,7 @@ def track_places(
     rows = np.concatenate([places, covariances.reshape(-1, 4)], axis=1)
     known = np.asarray(np.isfinite(rows).all(axis=1))
     start = np.concatenate([places[known][0], np.zeros(2)])
-    run = _Run(times_s, start, 2, motion or MotionModel())
+    run = _Run(times_s, start, motion or MotionModel())
     for cycle in range(len(times_s)):
         run.predict(cycle)
         if known[cycle]:
@@ -236,7 +235,7 @@ def scatter_about(observed: Observed, path: Path) -> float:
 def _pass(observed: Observed, about: Array, logs: Array, noise: Array, motion: MotionModel) -> Path:
     """Filter and smooth powers that are linearised about a path, shape (c, 5)."""
     mean, slopes = _linearised(observed, about)
-    run = _Run(observed.times_s, about[0], len(observed.sensors), motion)
+    run = _Run(observed.times_s, about[0], motion)
     for cycle, state in enumerate(about):
         run.predict(cycle)
         z = logs[cycle] - mean[cycle] + slopes[cycle] @ state
@@ -274,31 +273,23 @@ def _with_strength(observed: Observed, states: Array) -> Array:
 class _Run:
     """A filter on its way through the cycles, and what it finds in each."""
 
-    def __init__(self, times_s: Array, start: Array, measured: int, motion: MotionModel) -> None:
-        from filterpy.kalman import KalmanFilter
-
+    def __init__(self, times_s: Array, start: Array, motion: MotionModel) -> None:
         n = len(start)
         intervals = [0.0, *np.diff(times_s).tolist()]
         self._steps = [Step(transition(t)[:n, :n], motion.noise(t)[:n, :n]) for t in intervals]
         self._times = times_s
-        self._filter: KalmanFilter = KalmanFilter(dim_x=n, dim_z=measured)
-        self._filter.x = np.array(start)
-        self._filter.P = np.diag(_UNKNOWN[:n])
-        self._nis = 0.0
+        self._filter = LinearFilter(start, np.diag(_UNKNOWN[:n]))
         self._kept: list[tuple[Array, Array, float]] = []
 
     def predict(self, cycle: int) -> None:
         step = self._steps[cycle]
-        self._filter.predict(F=step.f, Q=step.q)
-        self._nis = 0.0
+        self._filter.predict(step.f, step.q)
 
     def update(self, z: Array, h: Array, noise: Array) -> None:
-        self._filter.update(z, R=noise, H=h)
-        off = self._filter.y
-        self._nis = float(off @ self._filter.SI @ off)
+        self._filter.update(z, h, noise)
 
     def keep(self) -> None:
-        self._kept.append((np.array(self._filter.x), np.array(self._filter.P), self._nis))
+        self._kept.append((self._filter.state, self._filter.spread, self._filter.nis))
 
     def path(self, freedom: NDArray[np.int64]) -> Path:
         states, spreads, nis = (np.array(rows) for rows in zip(*self._kept, strict=True))

@@ -23,7 +23,6 @@ from itertools import combinations, product
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from scipy import ndimage
 
 from groundtrace_codecs.events import Note, Pass, Quantity
 from groundtrace_codecs.signals import NS_PER_S
@@ -610,7 +609,7 @@ def own_prominences(observed: RoadPowers, fitted: Sequence[FittedVehicle]) -> li
         others = (means * apart[:, None, :]).sum(axis=0)
         left = np.where(observed.known, observed.powers - others, 0.0)
         level = 10 * np.log10(np.maximum(left, _LEFT * observed.noise))
-        level = ndimage.median_filter(level, (3, 1), mode="nearest")
+        level = _of_three(level)
         near = np.clip(observed.widths(one.vehicle), *_NEAR_S)
         stands = np.zeros(len(near))
         for station, (moment, width) in enumerate(zip(moments[number], near, strict=True)):
@@ -622,6 +621,12 @@ def own_prominences(observed: RoadPowers, fitted: Sequence[FittedVehicle]) -> li
                 stands[station] = level[peak, station] - max(before, after)
         found.append(stands)
     return found
+
+
+def _of_three(level: Array) -> Array:
+    """Return the median of each row and its neighbours; those at the ends count twice."""
+    padded = level[[0, *range(len(level)), -1]]
+    return np.asarray(np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0))
 
 
 def scatter_about(observed: RoadPowers, one: FittedVehicle, mean: Array) -> float:

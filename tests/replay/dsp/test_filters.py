@@ -15,7 +15,9 @@ from groundtrace.dsp.filters import (
     SmoothedSlope,
     StreamingFilter,
     UnbiasedMean,
+    WeightedSums,
     bandpass,
+    bessel,
     corner,
     phase_delay_s,
     planar,
@@ -30,6 +32,8 @@ AVERAGERS = {
     "exponential mean": lambda: ExponentialMean(0.07),
     "no memory": lambda: ExponentialMean(1.0),
     "unbiased mean": lambda: UnbiasedMean(13.5),
+    "weighted sums": lambda: WeightedSums(np.hanning(9)[1:-1]),
+    "weighted sums from rest": lambda: WeightedSums(np.hanning(9)[1:-1], at_rest=True),
 }
 
 
@@ -176,3 +180,27 @@ def test_the_walking_signal_takes_gravity_away_at_any_rate(rate_hz):
     assert abs(late.mean()) < 0.05
     assert 0.5 < np.abs(late).max() < 1.1
     assert abs(walking.delay_ns) < 0.3e9
+
+
+@given(hz=st.floats(0.01, 0.49), rate_hz=st.floats(1.0, 2e4))
+def test_the_bessel_low_pass_is_that_of_scipy(hz: float, rate_hz: float) -> None:
+    expected = signal.bessel(2, hz * rate_hz, "low", fs=rate_hz, output="sos", norm="mag")
+    np.testing.assert_allclose(bessel(hz * rate_hz, rate_hz), expected, rtol=1e-9, atol=1e-12)
+
+
+@given(hz=st.floats(0.001, 0.45), rate_hz=st.floats(1.0, 2e4))
+def test_the_delay_is_that_of_the_response_of_scipy(hz: float, rate_hz: float) -> None:
+    sos = np.concatenate([bessel(0.2 * rate_hz, rate_hz), bandpass(0.0, 0.3 * rate_hz, rate_hz)])
+    _, (response,) = signal.freqz_sos(sos, worN=[hz * rate_hz], fs=rate_hz)
+    turns = (
+        phase_delay_s(sos, hz * rate_hz, rate_hz) * hz * rate_hz + np.angle(response) / 2 / np.pi
+    ) % 1
+    assert min(turns, 1 - turns) < 1e-9
+
+
+@pytest.mark.parametrize("length", [1, 2, 9])
+def test_sums_from_rest_are_as_if_the_first_sample_had_always_been(length: int) -> None:
+    weights = np.random.default_rng(length).normal(size=length)
+    before = np.repeat(NOISE[:, :1], length, axis=1)
+    longer = WeightedSums(weights)(np.concatenate([before, NOISE], axis=1))[:, length:]
+    np.testing.assert_allclose(WeightedSums(weights, at_rest=True)(NOISE), longer, atol=1e-12)

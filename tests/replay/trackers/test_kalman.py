@@ -7,9 +7,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from walked_paths import PATHS, located, rms, tracked
 
-from groundtrace.trackers.kalman import PACE_M, F, H, Motion, StepFilter, WalkModel, first_spread
+from groundtrace.trackers.kalman import (
+    PACE_M,
+    F,
+    H,
+    LinearFilter,
+    Motion,
+    StepFilter,
+    WalkModel,
+    first_spread,
+    smoothed,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -136,3 +147,40 @@ def test_filtering_places_by_so_tdoa_gains_what_it_should(
     ):
         filtered: NDArray[np.float64] = tracked(places, model)[0]
         assert rms(filtered - path) == pytest.approx(expected, rel=0.08)
+
+
+@pytest.mark.parametrize("size", [1, 4, 5])
+@pytest.mark.parametrize("seen", [1, 2, 6])
+def test_filter_and_smoother_give_what_filterpy_gives(size: int, seen: int) -> None:
+    rng = np.random.default_rng([size, seen])
+
+    def spread(n: int) -> NDArray[np.float64]:
+        root = rng.normal(size=(n, n))
+        return np.asarray(root @ root.T + 0.1 * np.eye(n))
+
+    ours = LinearFilter(rng.normal(size=size), spread(size))
+    peer = KalmanFilter(dim_x=size, dim_z=seen)
+    peer.x, peer.P = ours.state.copy(), ours.spread.copy()
+    motions = [Motion(rng.normal(size=(size, size)), spread(size)) for _ in range(12)]
+    kept, peers = [], []
+    for n, motion in enumerate(motions):
+        ours.predict(motion.f, motion.q)
+        peer.predict(F=motion.f, Q=motion.q)
+        assert ours.nis == 0
+        if n % 4 != 3:
+            z, h, noise = rng.normal(size=seen), rng.normal(size=(seen, size)), spread(seen)
+            ours.update(z, h, noise)
+            peer.update(z, R=noise, H=h)
+            assert ours.nis == pytest.approx(peer.mahalanobis**2, rel=1e-9)
+            np.testing.assert_allclose(ours.gain, peer.K, rtol=1e-9, atol=1e-12)
+        kept.append((ours.state, ours.spread))
+        peers.append((peer.x.copy(), peer.P.copy()))
+    for one, other in zip(kept, peers, strict=True):
+        np.testing.assert_allclose(one[0], other[0], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(one[1], other[1], rtol=1e-9, atol=1e-12)
+    states, spreads = (np.array(rows) for rows in zip(*kept, strict=True))
+    fs, qs = [m.f for m in motions], [m.q for m in motions]
+    x, p, _, _ = peer.rts_smoother(states, spreads, fs, qs)
+    found = smoothed(states, spreads, motions)
+    np.testing.assert_allclose(found[0], x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found[1], p, rtol=1e-9, atol=1e-12)

@@ -133,3 +133,12 @@ def test_the_analytic_signal_is_hilberts_in_the_band_and_in_time() -> None:
     assert len(times) > 1700
     assert found[0] == pytest.approx(signal.hilbert(x)[place], abs=0.02)
     assert power(found)[0] == pytest.approx(0.5 * np.abs(signal.hilbert(x)[place]) ** 2, abs=0.03)
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 500.0])
+def test_the_band_is_that_of_the_window_method_of_scipy(rate_hz: float) -> None:
+    band = AnalyticBand(rate_hz, 10.0, 30.0)
+    late = np.arange(-band.delay, band.delay + 1)
+    base = signal.firwin(len(late), 10.0, fs=rate_hz)
+    expected = 2 * base * np.exp(2j * np.pi * 20.0 / rate_hz * late)
+    np.testing.assert_allclose(band.kernel, expected, rtol=1e-12, atol=1e-15)

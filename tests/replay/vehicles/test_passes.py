@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import find_peaks
 
-from groundtrace.vehicles.passes import Chain, Peak, chains, prominences, station_peaks
+from groundtrace.vehicles.passes import Chain, Peak, chains, prominences, station_peaks, tops
 from groundtrace.vehicles.traffic import PlaceCheck
 
 ALONG = np.array([0.0, 20.0, 40.0])
@@ -21,6 +22,12 @@ def peak(time_s: float, db: float = 20.0, sigma_s: float = 0.15) -> Peak:
 
 def linked(*times_s: list[float], along: np.ndarray = ALONG, least_db: float = 4.0) -> list[Chain]:
     return list(chains(along, [[peak(t) for t in those] for those in times_s], SPEEDS, least_db))
+
+
+@given(st.lists(st.integers(0, 3), min_size=1, max_size=30))
+def test_tops_are_the_peaks_of_scipy(heights: list[int]) -> None:
+    level = np.array(heights, float)
+    assert tops(level).tolist() == find_peaks(level)[0].tolist()
 
 
 @settings(max_examples=30, deadline=None)
