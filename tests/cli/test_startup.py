@@ -104,6 +104,13 @@ def test_a_whole_replay_loads_no_more_of_scipy(tmp_path: Path, name: str) -> Non
     assert sorted(loaded & (SCIPY | OTHERS | EXTRAS | VIEWERS)) == []
 
 
+@pytest.mark.parametrize("name", ["room-walk", "lower-back"])
+def test_a_score_loads_the_functions_of_gamma_alone(tmp_path: Path, name: str) -> None:
+    loaded_by(tmp_path, "replay", path_of(f"{name}.mcap"), "--no-viewer", "--out", "found.mcap")
+    loaded = loaded_by(tmp_path, "score", "found.mcap")
+    assert loaded & (SCIPY | OTHERS | EXTRAS | VIEWERS) <= {"scipy.special"}
+
+
 def test_a_replay_of_vehicles_loads_the_functions_of_gamma_alone(tmp_path: Path) -> None:
     recording = path_of("vehicle-pass.mcap")
     loaded = loaded_by(tmp_path, "replay", recording, "--no-viewer", "--quiet")

@@ -31,16 +31,28 @@ def assign(cost: NDArray[np.float64], gate: float) -> NDArray[np.intp]:
     allowed = np.isfinite(cost) & (cost <= gate)
     if not allowed.any():
         return np.empty((0, 2), np.intp)
-    if 1 in cost.shape:  # one walker, one fix: what solves for more takes long to load
-        cheapest = int(np.argmin(np.where(allowed, cost, np.inf)))
-        return np.array([divmod(cheapest, cost.shape[1])], np.intp)
-    from scipy.optimize import linear_sum_assignment
-
     # One forbidden pair costs more than all allowed ones, so that as few as can be are taken.
     forbidden = 1.0 + 2.0 * float(cost[allowed].max()) * min(cost.shape)
-    rows, columns = linear_sum_assignment(np.where(allowed, cost, forbidden))
+    rows, columns = cheapest(np.where(allowed, cost, forbidden))
     kept = allowed[rows, columns]
     return np.column_stack([rows[kept], columns[kept]])
+
+
+def cheapest(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of the pairs, as many as can be, of the least total cost.
+
+    Parameters
+    ----------
+    cost
+        Shape (n, m), finite.
+    """
+    if cost.size and 1 in cost.shape:  # one walker, one fix: to solve for more takes long to load
+        row, column = divmod(int(np.argmin(cost)), cost.shape[1])
+        return np.array([row]), np.array([column])
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(cost)
+    return np.asarray(rows), np.asarray(columns)
 
 
 def distances(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:

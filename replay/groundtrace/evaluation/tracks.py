@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..dsp.assignment import assign, distances
+from ..dsp.assignment import assign, cheapest, distances
 from .matching import STEP_TOLERANCE_S
 from .positions import (
     ClosureScore,
@@ -365,10 +365,8 @@ def score_identity(
 
 def _owners(apart: NDArray[np.float64], cutoff_m: float) -> dict[int, int]:
     """Give targets one track each so that they are together most often, by index."""
-    from scipy.optimize import linear_sum_assignment
-
-    together = (apart <= cutoff_m).sum(axis=0)
-    rows, columns = linear_sum_assignment(together, maximize=True)
+    together = (apart <= cutoff_m).sum(axis=0, dtype=np.float64)
+    rows, columns = cheapest(-together)
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
     return {row: column for row, column in pairs if together[row, column]}
 
@@ -469,12 +467,10 @@ def _least_costs(
     x: NDArray[np.float64], y: NDArray[np.float64], c: float, p: float
 ) -> NDArray[np.float64]:
     """Return the costs min(d, c)^p of the cheapest assignment of the smaller set."""
-    from scipy.optimize import linear_sum_assignment
-
     if not len(x) or not len(y):
         return np.empty(0)
     cost = np.minimum(distances(x, y), c) ** p
-    rows, columns = linear_sum_assignment(cost)
+    rows, columns = cheapest(cost)
     return np.asarray(cost[rows, columns], np.float64)
 
 
@@ -559,16 +555,19 @@ def normalised_squares(
 
 def consistency(squares: NDArray[np.float64], dof: int) -> Consistency | None:
     """Compare normalised squares, NaN left out, to the chi-square law; None of none."""
-    from scipy.stats import chi2
+    from scipy.special import gammaincinv  # of scipy.stats' law, which takes long to load
+
+    def quantile(part: float, freedom: int) -> float:
+        return 2 * float(gammaincinv(freedom / 2, part))
 
     known = squares[~np.isnan(squares)]
     n = len(known)
     if not n:
         return None
     tail = (1 - CONFIDENCE) / 2
-    lower, upper = (float(chi2.ppf(q, n * dof)) / n for q in (tail, 1 - tail))
+    lower, upper = (quantile(q, n * dof) / n for q in (tail, 1 - tail))
     mean = float(known.mean())
-    inside = float(np.mean(known <= chi2.ppf(CONFIDENCE, dof)))
+    inside = float(np.mean(known <= quantile(CONFIDENCE, dof)))
     return Consistency(n, dof, mean, lower, upper, lower <= mean <= upper, inside)
 
 
