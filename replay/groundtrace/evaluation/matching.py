@@ -472,25 +472,24 @@ def _assigned(
     missed_s: NDArray[np.float64], alone_s: NDArray[np.float64], reach_s: NDArray[np.float64]
 ) -> list[tuple[int, int]]:
     """Return index pairs (missed, alone), cluster by cluster of those that reach each other."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     first = np.searchsorted(alone_s, missed_s - reach_s, side="left")
     after = np.searchsorted(alone_s, missed_s + reach_s, side="right")
-    rows = np.repeat(np.arange(len(missed_s)), after - first)
-    columns = [np.arange(a, b) for a, b in zip(first, after, strict=True)]
-    places = np.concatenate([np.empty(0, np.intp), *columns])
-    nodes = len(missed_s) + len(alone_s)
-    links = coo_array((np.ones(len(rows)), (rows, len(missed_s) + places)), (nodes, nodes))
-    cluster = connected_components(links, directed=False)[1]
     found: list[tuple[int, int]] = []
-    for name in np.unique(cluster[rows]):
-        here = np.flatnonzero(cluster[: len(missed_s)] == name)
-        there = np.flatnonzero(cluster[len(missed_s) :] == name)
+    for here in _overlapping(first, after):
+        there = np.arange(first[here].min(), after[here].max())
         apart = np.abs(missed_s[here, None] - alone_s[there])
         apart[apart > reach_s[here, None]] = np.inf
         found += [(int(here[i]), int(there[j])) for i, j in assign(apart, REACH_S)]
     return found
+
+
+def _overlapping(first: NDArray[np.intp], after: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the indices of ranges that overlap, one through the other; empty ranges are none."""
+    some = np.flatnonzero(after > first)
+    order = some[np.argsort(first[some], kind="stable")]
+    reached = np.maximum.accumulate(after[order])
+    begins = 1 + np.flatnonzero(first[order][1:] >= reached[:-1])
+    return np.split(order, begins) if len(order) else []
 
 
 def best_shift(matching: StepMatch, pairs: Sequence[TimingPair]) -> TimeShift | None:
