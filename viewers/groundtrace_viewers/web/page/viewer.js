@@ -7,6 +7,8 @@ const ECHOES = 64;
 const RETRY_MS = 50;
 /** A viewer that has opened a recording and says no more has it after this [ms]. */
 const SILENT_MS = 5000;
+/** A layout has been read after so many pictures. */
+const SETTLED_PAINTS = 3;
 
 /** Bytes of a file's head and of what is before each message: its kind and length, 8 bytes each. */
 const HEAD = 12, MESSAGE = 16;
@@ -118,7 +120,22 @@ export class Viewer {
     else await this.pour(recording);
     if (this.next_ns !== null) await this.seek(this.next_ns / 1e9);
     await this.opened;
+    if (layout.length) await this.settle(layout);
     performance.mark("recording-opened");
+  }
+
+  /**
+   * Give the layout once more, now that the data are there, and the time that was wished for.
+   *
+   * A slow viewer, which draws while it still reads, once kept a layout with a single view of ours for good.
+   */
+  async settle(layout) {
+    this.busy = true; // times that come of the layout are nobody's wish
+    this.push(layout, "layout");
+    await painted(SETTLED_PAINTS);
+    this.busy = false;
+    const ns = this.next_ns ?? this.sent[0];
+    if (ns !== undefined) await this.seek(ns / 1e9);
   }
 
   heard(event) {
