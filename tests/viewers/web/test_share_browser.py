@@ -78,25 +78,43 @@ def messages(rrd: bytes) -> list[bytes]:
     return found
 
 
-def test_a_recording_in_pieces_has_all_its_messages(page: Page, walk: Walk) -> None:  # noqa: F811
+def told_of(page: Page, walk: Walk, expression: str) -> list[bytes]:  # noqa: F811
+    """Return what the page's script makes of a file of the viewer, ``bytes``."""
     code = files("groundtrace_viewers.web").joinpath("page", "viewer.js").read_text("utf-8")
     rrd = walk.rrd.read_bytes()
     page.goto("about:blank")
-    page.add_script_tag(type="module", content=f"{code}\nwindow.pieces = pieces;")
-    page.wait_for_function("window.pieces !== undefined")
+    page.add_script_tag(type="module", content=f"{code}\nwindow.made = (bytes) => {expression};")
+    page.wait_for_function("window.made !== undefined")
     told = page.evaluate(
         """(text) => {
           const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
           const letters = (piece) => piece.reduce((all, b) => all + String.fromCharCode(b), "");
-          return window.pieces(bytes).map((piece) => btoa(letters(piece)));
+          return window.made(bytes).map((piece) => btoa(letters(piece)));
         }""",
         base64.b64encode(rrd).decode(),
     )
-    pieces = [base64.b64decode(piece) for piece in told]
+    return [base64.b64decode(piece) for piece in told]
+
+
+def test_a_recording_in_pieces_has_all_its_messages(page: Page, walk: Walk) -> None:  # noqa: F811
+    rrd = walk.rrd.read_bytes()
+    pieces = told_of(page, walk, "pieces(bytes)")
     assert len(pieces) > 2
     assert all(piece[:12] == rrd[:12] for piece in pieces)
     assert [m for piece in pieces for m in messages(piece)] == messages(rrd)
     assert len(rrd) - sum(map(len, messages(rrd))) < 64
+
+
+def test_a_recording_is_poured_without_its_layout(page: Page, walk: Walk) -> None:  # noqa: F811
+    whole = messages(walk.rrd.read_bytes())
+    (poured,) = told_of(page, walk, "[without_layout(bytes)]")
+    kept = messages(poured)
+    left_out = [m for m in whole if m not in kept]
+    assert [m for m in whole if m in kept] == kept
+    # kinds: 2 holds data, 3 shows a layout; data begin with a store: a recording, 1, a layout, 2
+    assert {(m[0], m[19]) for m in left_out} == {(2, 2), (3, 2)}
+    assert not {(m[0], m[19]) for m in kept} & {(2, 2), (3, 2)}
+    assert sum(m[0] == 2 for m in kept) > 30
 
 
 @pytest.mark.sweep

@@ -7,9 +7,9 @@ const ECHOES = 64;
 const RETRY_MS = 50;
 /** A viewer that has opened a recording and says no more has it after this [ms]. */
 const SILENT_MS = 5000;
-/** A layout has been read after so many pictures. */
-const SETTLED_PAINTS = 3;
 
+/** Messages of a recording: the data of a store, and that a layout is shown from now on; a store that is a layout. */
+const DATA = 2, SHOWN = 3, LAYOUT = 2;
 /** Bytes of a file's head and of what is before each message: its kind and length, 8 bytes each. */
 const HEAD = 12, MESSAGE = 16;
 /** A recording is given to the viewer in pieces of so many bytes. */
@@ -39,28 +39,58 @@ export function cursor_message(timeline, ns) {
   return new Uint8Array(field(6, [...name, ...time, ...varint(5 << 3), PAUSED]));
 }
 
+/** Yield the kind of each message of a recording, where it begins and where it ends. */
+function* messages(bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  for (let at = HEAD, next; at + MESSAGE <= bytes.length; at = next) {
+    next = at + MESSAGE + Number(view.getBigUint64(at + 8, true));
+    if (next > bytes.length) return;
+    yield [Number(view.getBigUint64(at, true)), at, next];
+  }
+}
+
 /** Return a recording's bytes in pieces that are recordings themselves: the file's head, and some messages. */
 export function pieces(bytes) {
-  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const head = bytes.subarray(0, HEAD), found = [];
   let start = HEAD, end = HEAD;
-  while (end + MESSAGE <= bytes.length) {
-    const next = end + MESSAGE + Number(view.getBigUint64(end + 8, true));
-    if (next > bytes.length) break;
+  for (const [, , next] of messages(bytes)) {
     end = next;
     if (end - start < PIECE) continue;
-    found.push(joined(head, bytes.subarray(start, end)));
+    found.push(joined([head, bytes.subarray(start, end)]));
     start = end;
   }
-  found.push(joined(head, bytes.subarray(start, end))); // behind the last message a file only says where others are
+  found.push(joined([head, bytes.subarray(start, end)])); // behind the last message a file only says where others are
   return found;
 }
 
+/**
+ * Return a recording's bytes without its layout, which the viewer has already.
+ *
+ * A layout that comes in several pictures, while another is shown, the viewer forgets in part: a busy one then
+ * showed one view of many for good.
+ */
+export function without_layout(bytes) {
+  const kept = [bytes.subarray(0, HEAD)];
+  for (const [kind, at, next] of messages(bytes)) {
+    if (!of_layout(kind, bytes.subarray(at + MESSAGE, next))) kept.push(bytes.subarray(at, next));
+  }
+  return joined(kept);
+}
+
+/** Return whether a message shows a layout, or holds data of one: a protobuf whose first field is the store. */
+function of_layout(kind, content) {
+  if (kind === SHOWN) return true;
+  return kind === DATA && content[0] === 10 && content[2] === 8 && content[3] === LAYOUT;
+}
+
 /** Return bytes one behind the other. */
-function joined(head, rest) {
-  const whole = new Uint8Array(head.length + rest.length);
-  whole.set(head);
-  whole.set(rest, head.length);
+function joined(parts) {
+  const whole = new Uint8Array(parts.reduce((size, part) => size + part.length, 0));
+  let at = 0;
+  for (const part of parts) {
+    whole.set(part, at);
+    at += part.length;
+  }
   return whole;
 }
 
@@ -120,22 +150,7 @@ export class Viewer {
     else await this.pour(recording);
     if (this.next_ns !== null) await this.seek(this.next_ns / 1e9);
     await this.opened;
-    if (layout.length) await this.settle(layout);
     performance.mark("recording-opened");
-  }
-
-  /**
-   * Give the layout once more, now that the data are there, and the time that was wished for.
-   *
-   * A slow viewer, which draws while it still reads, once kept a layout with a single view of ours for good.
-   */
-  async settle(layout) {
-    this.busy = true; // times that come of the layout are nobody's wish
-    this.push(layout, "layout");
-    await painted(SETTLED_PAINTS);
-    this.busy = false;
-    const ns = this.next_ns ?? this.sent[0];
-    if (ns !== undefined) await this.seek(ns / 1e9);
   }
 
   heard(event) {
@@ -182,7 +197,7 @@ export class Viewer {
   /** Add a recording piece by piece: of a large one at once the viewer made a layout of its own, and stood still. */
   async pour(bytes) {
     this.handle.open_channel("replay", "replay");
-    for (const piece of pieces(bytes)) {
+    for (const piece of pieces(without_layout(bytes))) {
       this.handle.send_rrd_to_channel("replay", piece);
       await painted(1);
     }
