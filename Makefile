@@ -57,7 +57,7 @@ compile: dev ## all kernels, once, before those who would compile them at the sa
 	$(BIN)/python -c "from groundtrace import kernels; [getattr(kernels, name) for name in kernels.__all__]"
 
 # half as many tests again as there are cores: many wait for a process or a browser
-WORKERS := $(shell $(PYTHON) -c "import os; print(max(1, (os.cpu_count() or 1) * 3 // 2))")
+WORKERS = $(shell $(PYTHON) -c "import os; print(max(1, (os.cpu_count() or 1) * 3 // 2))")
 
 test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from scipy import signal
 
 from groundtrace.dsp.filters import bandpass
 from groundtrace.kernels import filters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 CHANNELS = inputs((1, 3, 16), (1, 3))
 
@@ -33,11 +37,16 @@ def signals(channels: int) -> dict[str, np.ndarray]:
 CASES = [(channels, name) for channels in CHANNELS for name in signals(1)]
 
 
-def blocks(x: np.ndarray, seed: int) -> list[np.ndarray]:
-    """Cut a signal into blocks, one of them empty."""
+def in_blocks(kernel: Callable[..., None], x: np.ndarray, seed: int, *given: object) -> np.ndarray:
+    """Run a kernel over a signal cut into blocks, one of them empty."""
     cuts = np.sort(np.random.default_rng(seed).integers(0, x.shape[1], 5))
     edges = [0, *cuts.tolist(), int(cuts[-1]), x.shape[1]]
-    return [np.ascontiguousarray(x[:, a:b]) for a, b in pairwise(edges)]
+    parts = []
+    for a, b in pairwise(edges):
+        block = np.ascontiguousarray(x[:, a:b])
+        parts.append(np.empty(block.shape))
+        kernel(block, *given, parts[-1])
+    return np.concatenate(parts, axis=1)
 
 
 @pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid")
@@ -47,11 +56,8 @@ def test_sections_are_those_of_scipy(channels: int, name: str, band: tuple[float
     x, sos = signals(channels)[name], bandpass(*band, 1000.0)
     held = np.random.default_rng(1).normal(size=(len(sos), channels, 2))
     expected, left = signal.sosfilt(sos, x, axis=1, zi=held)
-    parts = []
-    for block in blocks(x, 2):
-        parts.append(np.empty(block.shape))
-        filters.sections(block, sos, held, parts[-1])
-    np.testing.assert_array_equal(np.concatenate(parts, axis=1), expected)
+    found = in_blocks(filters.sections, x, 2, sos, held)
+    np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(held, left)
 
 
@@ -64,11 +70,7 @@ def test_weighted_sums_are_those_of_scipy(channels: int, name: str, length: int)
     held = np.zeros((channels, length))
     # two terms of the denominator, or scipy convolves; what is infinite it takes times 0
     expected = np.array([signal.lfilter(weights, [1.0, 0.0], row) for row in x])
-    parts = []
-    for block in blocks(x, 3):
-        parts.append(np.empty(block.shape))
-        filters.weighted(block, weights, held, parts[-1])
-    found = np.concatenate(parts, axis=1)
+    found = in_blocks(filters.weighted, x, 3, weights, held)
     known = np.isfinite(x).cumprod(axis=1) > 0
     np.testing.assert_array_equal(found[known], expected[known])
 
@@ -79,10 +81,6 @@ def test_weighted_sums_are_those_of_scipy(channels: int, name: str, length: int)
 def test_recursive_means_are_those_of_scipy(channels: int, name: str, coefficient: float) -> None:
     x, held = signals(channels)[name], np.zeros(channels)
     expected = signal.lfilter([coefficient], [1.0, coefficient - 1.0], x, axis=1)
-    parts = []
-    for block in blocks(x, 4):
-        parts.append(np.empty(block.shape))
-        filters.recursive_means(block, coefficient, held, parts[-1])
-    found = np.concatenate(parts, axis=1)
+    found = in_blocks(filters.recursive_means, x, 4, coefficient, held)
     known = np.isfinite(x).cumprod(axis=1) > 0
     np.testing.assert_array_equal(found[known], expected[known])

@@ -555,7 +555,7 @@ def normalised_squares(
 
 def consistency(squares: NDArray[np.float64], dof: int) -> Consistency | None:
     """Compare normalised squares, NaN left out, to the chi-square law; None of none."""
-    from scipy.special import gammaincinv  # of scipy.stats' law, which takes long to load
+    from scipy.special import gammaincinv  # scipy.stats has the quantile, but takes long to load
 
     def quantile(part: float, freedom: int) -> float:
         return 2 * float(gammaincinv(freedom / 2, part))
