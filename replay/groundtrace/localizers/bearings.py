@@ -20,7 +20,7 @@ each distance over its own error, which grows with the way from the station.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -299,8 +299,9 @@ def intersect(
 
     Returns
     -------
-    The place, with the covariance by the bearings' errors there, and as residual the root mean
-    square of what the bearings are off [rad]. Nowhere with fewer than two bearings, or parallel.
+    The place, with the covariance by the bearings' errors there, larger where three or more
+    miss each other by more than these, and as residual the root mean square of what the bearings
+    are off [rad]. Nowhere with fewer than two bearings, or parallel.
     """
     known = np.isfinite(azimuths_rad)
     count = int(known.sum())
@@ -325,20 +326,27 @@ def intersect(
         if np.hypot(*(moved - place)) < LEAST_M:
             break
         place = moved
-    found = _located(place, stations, normals, sigmas)
-    if weights == "errors":
-        return found
     gain = np.linalg.solve(information, normals.T * weight)
-    errors = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
-    return replace(found, covariance=(gain * errors**2) @ gain.T)
+    return _located(place, stations, normals, sigmas, gain if weights == "none" else None)
 
 
-def _located(place: Array, stations: Array, normals: Array, sigmas: Array) -> LocationEstimate:
+def _located(
+    place: Array, stations: Array, normals: Array, sigmas: Array, gain: Array | None
+) -> LocationEstimate:
+    """Return a place with its covariance: by a gain on what lines are off, else the best one."""
     away = place - stations
     errors = sigmas * np.maximum(np.hypot(*away.T), LEAST_M)
-    covariance = np.linalg.inv(normals.T @ (normals / errors[:, None] ** 2))
+    if gain is None:
+        scaled = normals / errors[:, None] ** 2
+        gain = np.linalg.solve(normals.T @ scaled, scaled.T)
+    covariance = (gain * errors**2) @ gain.T
+    left = np.eye(len(stations)) - normals @ gain
+    expected = float(np.sum((left * errors) ** 2 / errors[:, None] ** 2))
+    across = np.sum(normals * away, axis=1)
+    if len(stations) > 2:  # lines that miss each other by more than they claim
+        covariance *= max(1.0, float(np.sum((across / errors) ** 2)) / expected)
     along = np.abs(away[:, 0] * normals[:, 1] - away[:, 1] * normals[:, 0])
-    off = np.arctan2(np.abs(np.sum(normals * away, axis=1)), along)
+    off = np.arctan2(np.abs(across), along)
     residual = float(np.sqrt(np.mean(off**2)))
     return LocationEstimate(float(place[0]), float(place[1]), covariance, residual, len(stations))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from groundtrace.layout.attenuation import fit_attenuation
-from groundtrace.localizers.bearings import Norm, intersect
+from groundtrace.localizers.bearings import Norm, Weights, intersect
 
 STATIONS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0], [5.0, 0.0]])
 PLACE = np.array([3.0, 4.0])
@@ -60,6 +60,17 @@ def test_a_10_as_printed_takes_every_distance_alike_and_claims_what_it_errs(norm
         off = np.array([found.x, found.y]) - PLACE
         squares.append(off @ np.linalg.solve(found.covariance, off))
     assert np.mean(squares) == pytest.approx(2.0, rel=0.2)
+
+
+@pytest.mark.parametrize("weights", ["errors", "none"])
+def test_bearings_that_miss_each_other_by_more_than_they_claim_tell_less(weights: Weights) -> None:
+    azimuths = bearings(PLACE)
+    agree = intersect(STATIONS, azimuths, SIGMAS, "l1", weights)
+    azimuths[4] += 0.2  # ten deviations
+    differ = intersect(STATIONS, azimuths, SIGMAS, "l1", weights)
+    assert np.trace(differ.covariance) > 9 * np.trace(agree.covariance)
+    two = intersect(STATIONS[:2], azimuths[:2], SIGMAS[:2], "l1", weights)
+    assert np.isfinite(two.covariance).all()
 
 
 def test_one_bearing_and_parallel_ones_lead_nowhere() -> None:
