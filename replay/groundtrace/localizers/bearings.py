@@ -326,7 +326,7 @@ def intersect(
         if np.hypot(*(moved - place)) < LEAST_M:
             break
         place = moved
-    gain: Array = np.linalg.solve(information, normals.T * weight)
+    gain: Array = np.asarray(np.linalg.solve(information, normals.T * weight))
     return _located(place, stations, normals, sigmas, gain if weights == "none" else None)
 
 
