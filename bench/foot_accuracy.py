@@ -25,7 +25,8 @@ import numpy as np
 from scipy import signal
 
 from groundtrace.evaluation.tracks import score_tracks
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import Label, Note, StepEvent, TrackPoint

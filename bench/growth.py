@@ -22,7 +22,8 @@ from timing import alone, on_one_core, taken_s
 from groundtrace.localizers import arrival_order
 from groundtrace.localizers.arrival_order import find_regions
 from groundtrace.localizers.base import outline_of
-from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.gates import Candidates, Level, Refractory, decide
 from groundtrace_codecs.events import Quantity

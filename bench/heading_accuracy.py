@@ -24,9 +24,10 @@ import numpy as np
 
 from groundtrace.evaluation.headings import heading_errors
 from groundtrace.inertial.rotations import headings_of
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import StageConfig
 from groundtrace_codecs.events import Disturbance, Heading
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording

@@ -21,7 +21,8 @@ from timing import alone, interleaved, median_s, on_one_core
 
 from groundtrace.detectors import adaptive
 from groundtrace.detectors.step_score import INPUTS, ScorePeaks
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions

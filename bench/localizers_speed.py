@@ -21,7 +21,8 @@ from timing import alone, taken_s
 
 from groundtrace.localizers.arrival_order import find_regions
 from groundtrace.localizers.base import outline_of
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write

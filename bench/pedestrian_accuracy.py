@@ -24,7 +24,8 @@ from scipy.spatial.transform import Rotation
 
 from groundtrace.api.calibration import lengths_of
 from groundtrace.evaluation.positions import score_closure, score_waypoints, true_places
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions

@@ -11,8 +11,9 @@ import argparse
 
 import numpy as np
 
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 

@@ -22,7 +22,8 @@ from scipy import signal
 from timing import alone, interleaved, on_one_core
 
 from groundtrace.dsp.spectral import WindowPower
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.results import Provenance, ResultsSink
 from groundtrace.pipeline.source import Source

@@ -26,7 +26,8 @@ from groundtrace.evaluation.positions import (
     true_places,
 )
 from groundtrace.localizers.wave_physics import Plate
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline, with_settings
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import Simulation, write

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from timing import alone
 
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline, with_settings
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write

@@ -23,12 +23,13 @@ import numpy as np
 from room_laws import Errors, options_of, score
 from timing import alone
 
-from groundtrace.pipeline.config import PipelineConfig, StageConfig, load_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import paths_in
 
 if TYPE_CHECKING:
+    from groundtrace.pipeline.parameters import StageConfig
     from groundtrace_codecs.geometry import Geometry
 
 #: How wrongly the corners of paths are measured [m].

@@ -21,7 +21,8 @@ from scipy import ndimage, signal
 
 from groundtrace.evaluation.matching import f1_of
 from groundtrace.evaluation.steps import score_steps
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import Gap, StepEvent

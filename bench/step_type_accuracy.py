@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, with_settings
 from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write

@@ -26,7 +26,8 @@ from step_accuracy import PHONE, Steps
 from groundtrace.evaluation.steps import score_steps
 from groundtrace.explain.suitability import with_placements
 from groundtrace.inertial.placement import PlacementWatch
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.importers.run import import_recording

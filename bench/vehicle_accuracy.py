@@ -25,7 +25,8 @@ from scipy.signal import sosfilt
 from groundtrace.dsp.filters import bandpass
 from groundtrace.evaluation.positions import HOLD_S, true_places
 from groundtrace.evaluation.vehicles import score_passes
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace.simulate.recording import START_NS
 from groundtrace.simulate.road import VehicleOptions
 from groundtrace.simulate.vehicle import simulate_vehicle

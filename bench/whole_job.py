@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 from replay_speed import CHANNELS, RATE_HZ, room, samples_of, write_miniseed
 from timing import alone, on_one_core
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.results import Provenance, ResultsSink
 from groundtrace.pipeline.source import Source

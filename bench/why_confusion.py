@@ -33,7 +33,8 @@ from groundtrace.explain.sweep import in_processes
 from groundtrace.explain.unfiltered import with_recording
 from groundtrace.explain.why_picks import pick_account
 from groundtrace.explain.why_places import PlaceExplainer
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, parse_pipeline, with_settings
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.results import Provenance, Results, evidence_of, step_times
 from groundtrace.pipeline.source import Source

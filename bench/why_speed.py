@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 from timing import alone, interleaved, on_one_core
 
 from groundtrace.explain.why import explain_steps
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, with_settings
 from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.results import Provenance, ResultsSink, evidence_of, read_results
 from groundtrace.pipeline.source import Source

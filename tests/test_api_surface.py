@@ -30,12 +30,12 @@ SURFACE = {
         Candidates Decisions Gate GateState Level Reach Refractory decide decided_block
         gate_specs never_passed stated""",
     "groundtrace.pipeline.parameters": """
-        ParameterInfo Part Updates build checked_value describe gate given_waypoints measured
-        parse_value""",
+        ParameterInfo Part StageConfig Updates build checked_value describe gate given_waypoints
+        measured parse_value""",
     "groundtrace.pipeline.stage": """
         BRIDGE_NS CHAINED CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input
         LEAST_PICKS LocationEstimate Measured Memory NO_FRAMES Numbers POWERS PresenceIntervals
-        Stage StageConfig StageRunner StepMeasure accepted_events allows associates detects emitted
+        Stage StageRunner StepMeasure accepted_events allows associates detects emitted
         in_length_unit joined length_note no_location scaled_lengths takes_signal_alone topic_of
         units_per_metre wanted_quantities""",
     "groundtrace_codecs": """
@@ -86,12 +86,12 @@ def test_every_public_name_is_there_and_documented(name: str) -> None:
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [
-        ("groundtrace_codecs", ("scipy", "rerun", "obspy", "mcap", "google.protobuf")),
+        ("groundtrace_codecs", ("numpy", "scipy", "rerun", "obspy", "mcap", "google.protobuf")),
         ("groundtrace_codecs.importers", ("scipy", "rerun", "obspy")),
         ("groundtrace_codecs.recording", ("scipy", "rerun", "obspy")),
         ("groundtrace_recordings", ("scipy", "rerun", "obspy")),
         ("groundtrace", ("numpy", "scipy", "rerun", "numba", "obspy", "groundtrace_codecs")),
-        ("groundtrace.pipeline.config", ("scipy.signal", "rerun", "obspy")),
+        ("groundtrace.pipeline.config", ("numpy", "groundtrace_codecs.events", "rerun", "obspy")),
         ("groundtrace_viewers", ("rerun", "obspy")),
     ],
 )

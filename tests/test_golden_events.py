@@ -10,7 +10,8 @@ import pytest
 from golden_events import CASES, GOLDEN, case_name, differences, encoded, golden, replayed
 
 from groundtrace import kernels
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, named_pipelines
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,7 +20,8 @@ from command_runs import (
     run,
 )
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.recording import Recording

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from command_runs import run
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import Gap, StepEvent
 from groundtrace_codecs.importers.run import import_recording

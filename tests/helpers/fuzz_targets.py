@@ -27,7 +27,8 @@ from seg2_files import write_shot
 from groundtrace.annotate.store import FORMAT, VERSION, Action, Change, Header, read_journal
 from groundtrace.cli.main import main
 from groundtrace.errors import GroundtraceError
-from groundtrace.pipeline.config import build_pipeline, named_pipelines, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import named_pipelines, parse_pipeline
 from groundtrace_codecs.annotations import Annotation, RecordingKey, Sidecar, read_sidecar
 from groundtrace_codecs.errors import CodecError, FormatError
 from groundtrace_codecs.events import Label

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from groundtrace.explain.reasons import matched
 from groundtrace.explain.redecide import Counts
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, with_settings
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.results import Evidence, Provenance, Results, evidence_of
 from groundtrace.pipeline.source import Source

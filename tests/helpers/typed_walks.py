@@ -9,8 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from groundtrace.pipeline.conformance import rechunked
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import StageSpec, StepEvent

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, with_settings
 from groundtrace.pipeline.conformance import rechunked
 from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace_codecs.events import CandidateBlock, LikelihoodSurface, StageSpec, TraceBlock

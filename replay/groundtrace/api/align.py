@@ -24,7 +24,8 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 from ..dsp.robust import MAD_SIGMA
 from ..errors import RecordingError
 from ..explain.suitability import with_placements
-from ..pipeline.config import build_pipeline, load_pipeline
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import load_pipeline
 from ..pipeline.engine import EventList, replay
 from ..pipeline.plugins import stage_named
 from ..pipeline.results import RUN, file_sha256, read_results

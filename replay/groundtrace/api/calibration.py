@@ -243,7 +243,7 @@ def _replayer(
     path: Path, config: PipelineConfig, progress: Progress
 ) -> Callable[[Geometry], Sequence[Event]]:
     """Return what replays a recording with a geometry."""
-    from ..pipeline.config import build_pipeline
+    from ..pipeline.chain import build_pipeline
     from ..pipeline.engine import EventList, replay
     from ..pipeline.source import Source
 

@@ -27,7 +27,8 @@ from ..explain.sweep import (
     with_values,
     without_refused,
 )
-from ..pipeline.config import build_pipeline, checked_pipeline, parse_pipeline
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import checked_pipeline, parse_pipeline
 from ..pipeline.results import RUN, evidence_of, provenance_in, read_results
 from .analysis import Comparison, Sweep
 from .files import OriginFile, existing_recording, unheard

@@ -12,13 +12,8 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..errors import RecordingError
 from ..explain.suitability import SIGNALS, fitting_pipelines
-from ..pipeline.config import (
-    PipelineConfig,
-    build_pipeline,
-    load_pipeline,
-    named_pipelines,
-    with_settings,
-)
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import PipelineConfig, load_pipeline, named_pipelines, with_settings
 from ..pipeline.parameters import build, describe
 from ..pipeline.plugins import stage_named
 from .tables import html_table

@@ -17,14 +17,8 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError, UsageError
 from ..explain.suitability import Prepared, prepared
-from ..pipeline.config import (
-    Pipeline,
-    PipelineConfig,
-    build_pipeline,
-    checked_pipeline,
-    load_pipeline,
-    with_settings,
-)
+from ..pipeline.chain import Pipeline, build_pipeline
+from ..pipeline.config import PipelineConfig, checked_pipeline, load_pipeline, with_settings
 from ..pipeline.engine import Clock, ReplayLoop, ReplaySession, part_of
 from ..pipeline.plugins import load
 from ..pipeline.results import (

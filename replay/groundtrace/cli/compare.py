@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..api.files import writable
+from ..api.known_truth import truth_beside
 from ..errors import RecordingError
 from ..pipeline.plugins import load
 from ..pipeline.results import evidence_of, previous_results, provenance_of, read_results
-from .console import print_json, print_line, print_stderr, print_table, truth_of, where_to_show
+from .console import print_json, print_line, print_stderr, print_table, where_to_show
 from .options import FLAG, ForceOthers, Json, Tolerance, Truth
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ def compare(
     checked = partial(writable, force=force, sources=[a, b], of=lambda: provenance_of(a))
     spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)
     one, other = read_results(a), read_results(b)
-    labels = truth_of(one, a, truth) or truth_of(other, b, truth)
+    labels = truth_beside(one, a, truth, print_stderr)
+    labels = labels or truth_beside(other, b, truth, print_stderr)
     places = [one.provenance.beside(path) for path in (a, b)]
     found = compared(one, other, labels, tolerance, places)
     if json:

@@ -13,22 +13,15 @@ import msgspec
 
 from groundtrace_codecs.location import as_url, is_url
 
-from ..api import known_truth
 from ..api.progress import unseen
-from ..api.tables import plain_document
 from ..visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from groundtrace_codecs.annotations import Annotation
-    from groundtrace_codecs.events import Label
     from groundtrace_codecs.mcap.chunks import Damage
-    from groundtrace_codecs.recording import Recording
 
     from ..api.progress import Show
-    from ..evaluation.truth import ScoredTruth
-    from ..pipeline.results import Results
     from ..pipeline.warned import Warned
 
 
@@ -42,6 +35,8 @@ def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     warnings
         What a replay warned of: becomes its property ``warnings``, unless None.
     """
+    from ..api.tables import plain_document  # loads numpy, which lines for people do not need
+
     plain = plain_document(document, warnings)
     print_line(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
 
@@ -117,31 +112,6 @@ def progress(
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done, of=None: bar.update(task, completed=done, total=of)
-
-
-def truth_of(result: Results, path: Path, truth: Path | None) -> tuple[Label, ...]:
-    """Return the labels of :func:`scored_truth_of`."""
-    return known_truth.truth_beside(result, path, truth, print_stderr)
-
-
-def scored_truth_of(
-    result: Results, path: Path, truth: Path | None, author: str | None = None
-) -> ScoredTruth:
-    """Return the truth of a result; annotations are looked for beside its file, ``path``."""
-    recording = result.provenance.beside(path)
-    return known_truth.scored_truth_of(result, recording, truth, author, print_stderr)
-
-
-def truth_of_recording(
-    recording: Recording, path: Path, truth: Path | None, author: str | None = None
-) -> tuple[Label, ...]:
-    """Return the truth of a recording that was not replayed."""
-    return known_truth.truth_of_recording(recording, path, truth, author, print_stderr)
-
-
-def annotations_to_show(recording: Recording, path: Path) -> tuple[Annotation, ...]:
-    """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
-    return known_truth.annotations_to_show(recording, path, print_stderr)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:

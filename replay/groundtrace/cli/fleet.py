@@ -32,7 +32,8 @@ from ..fleet.run import (
 from ..fleet.run import shard as shard_tasks
 from ..fleet.split import LongOnes
 from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_path
-from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import load_pipeline, named_pipelines
 from ..pipeline.results import public_arguments, write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
 from .exit_codes import ExitCode

@@ -15,14 +15,15 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import named_recording
 from ..api.inspection import ResultsInfo, StageInfo, examine, summary
+from ..api.known_truth import annotations_to_show
 from ..errors import RecordingError
 from ..explain.suitability import SIGNALS
 from ..pipeline.results import RUN
 from .console import (
-    annotations_to_show,
     lost_messages,
     print_json,
     print_line,
+    print_stderr,
     print_table,
     progress,
     quoted,
@@ -63,7 +64,7 @@ def info(
         else:
             with progress(duration_s, "reading") as show:
                 found = examine(opened, size, show)
-        marked = Counter(a.label.kind for a in annotations_to_show(opened, recording))
+        marked = Counter(a.label.kind for a in annotations_to_show(opened, recording, print_stderr))
         found = replace(found, annotations=dict(marked))
     if is_result:
         found = replace(found, results=results_info(recording, scored=not quick))

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from groundtrace_codecs.events import EVENTS
-
 from ..errors import PluginError
-from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from ..pipeline.config import load_pipeline, named_pipelines
 from ..pipeline.parameters import ParameterInfo, build, describe
 from ..pipeline.plugins import GROUPS, load, stage_named
 from ..pipeline.plugins import plugins as registered
@@ -80,6 +78,8 @@ def _installed(plugin: Plugin, parameters: bool) -> Installed:
     except PluginError as error:
         print_stderr(f"warning: {error}")
         return Installed("broken", plugin.name, [], *whose)
+    from groundtrace_codecs.events import EVENTS  # what only lists pipelines does not load events
+
     given = [EVENTS[each] for each in kind.gives]
     use = next((use for use, names in GIVEN.items() if given[0].name in names), "track")
     known = list(describe(kind.Parameters)) if parameters else None
@@ -105,6 +105,8 @@ def pipelines(name: Annotated[str | None, PIPELINE] = None, *, json: Json = Fals
     if json:
         print_json({"pipelines": [_document(config) for config in configs]})
     elif name is not None:
+        from ..pipeline.chain import build_pipeline
+
         print_line(build_pipeline(configs[0]).recipe(), end="")
     else:
         rows = [(c.name, " > ".join(s.key for s in c.stage), c.description) for c in configs]

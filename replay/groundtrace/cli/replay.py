@@ -67,7 +67,8 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..fleet.split import SplitReplay
-    from ..pipeline.config import Pipeline, PipelineConfig
+    from ..pipeline.chain import Pipeline
+    from ..pipeline.config import PipelineConfig
     from ..pipeline.engine import ReplayCounts, ReplaySession, Sink
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..api.files import writable
+from ..api.known_truth import scored_truth_of
 from ..api.scores import numbers_of, score_document, scored
 from ..evaluation.picks import RIGHT_S
 from ..pipeline.results import provenance_of, read_results, write_text
@@ -15,7 +16,6 @@ from .console import (
     print_stderr,
     print_table,
     print_warnings,
-    scored_truth_of,
 )
 from .options import FLAG, Json, Results, Texts, Tolerance
 
@@ -64,7 +64,7 @@ def score(
         sources = [results, *([truth] if truth is not None else [])]
         writable(html, force=force, sources=sources, of=lambda: provenance_of(results))
     result = read_results(results, blocks=html is not None)
-    known = scored_truth_of(result, results, truth, author)
+    known = scored_truth_of(result, result.provenance.beside(results), truth, author, print_stderr)
     stages = tuple(stage or ())
     figures = scored(result, known, tolerance, stages)
     if html is not None:

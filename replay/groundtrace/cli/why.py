@@ -13,6 +13,7 @@ from groundtrace_codecs.events import readable, unit_after
 
 from ..api.analysis import evidence_with
 from ..api.files import writable
+from ..api.known_truth import truth_beside
 from ..explain.questions import Kind, Question, explained
 from ..explain.why import Moment, StepExplanation
 from ..explain.why_picks import PickAccount, PickMoment
@@ -26,7 +27,6 @@ from .console import (
     print_stderr,
     print_table,
     print_warnings,
-    truth_of,
     where_to_show,
 )
 from .options import AT_LEAST_ONE, FLAG, ForceOthers, Json, Results, Truth
@@ -129,7 +129,7 @@ def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> 
     """Read what decisions are explained by; it lives on without what it was read from."""
     result = read_results(results, evidence=True)
     places = (result.provenance.beside(results), *recordings)
-    return evidence_with(result, truth_of(result, results, truth), places)
+    return evidence_with(result, truth_beside(result, results, truth, print_stderr), places)
 
 
 def print_answer(found: Answer) -> None:

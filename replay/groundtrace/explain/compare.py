@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from ..evaluation.matching import StepMatch
     from ..pipeline.config import PipelineConfig
+    from ..pipeline.parameters import StageConfig
     from ..pipeline.results import Evidence, Results
-    from ..pipeline.stage import StageConfig
 
 #: What can become of a decision: the first seven with truth, the last three without.
 VERDICTS = (

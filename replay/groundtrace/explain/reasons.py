@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from ..evaluation.matching import StepMatch, TimingPair
     from ..pipeline.config import PipelineConfig
     from ..pipeline.gates import Candidates
+    from ..pipeline.parameters import StageConfig
     from ..pipeline.results import Evidence, StageEvidence, Unmuted
-    from ..pipeline.stage import StageConfig
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,9 +38,8 @@ if TYPE_CHECKING:
 
     from ..evaluation.matching import StepMatch
     from ..pipeline.config import PipelineConfig
-    from ..pipeline.parameters import ParameterInfo
+    from ..pipeline.parameters import ParameterInfo, StageConfig
     from ..pipeline.results import Evidence
-    from ..pipeline.stage import StageConfig
 
 #: A setting: (stage, parameter) to value.
 Settings = Mapping[tuple[str, str], Any]

@@ -19,16 +19,11 @@ from groundtrace_codecs.geometry import geometry_warnings
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from ..errors import PipelineError
-from ..pipeline.config import (
-    Pipeline,
-    PipelineConfig,
-    PipelineNeeds,
-    build_pipeline,
-    load_pipeline,
-    named_pipelines,
-)
+from ..pipeline.chain import Pipeline, build_pipeline
+from ..pipeline.config import PipelineConfig, PipelineNeeds, load_pipeline, named_pipelines
+from ..pipeline.parameters import StageConfig
 from ..pipeline.plugins import stage_named
-from ..pipeline.stage import StageConfig, allows
+from ..pipeline.stage import allows
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -19,7 +19,8 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import PipelineError, RecordingError
 from ..evaluation.matching import STEP_TOLERANCE_S
-from ..pipeline.config import build_pipeline, parse_pipeline, with_settings
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import parse_pipeline, with_settings
 from ..pipeline.engine import EventList, replay
 from ..pipeline.results import Evidence, recording_in, stage_evidence
 from ..pipeline.source import Source

@@ -18,11 +18,11 @@ from groundtrace_codecs.events import CandidateBlock
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..pipeline.parameters import build
+from ..pipeline.parameters import StageConfig, build
 from ..pipeline.plugins import stage_named
 from ..pipeline.results import Unmuted, recording_in, stage_evidence
 from ..pipeline.source import Source
-from ..pipeline.stage import StageConfig, StageRunner, wanted_quantities
+from ..pipeline.stage import StageRunner, wanted_quantities
 from .reasons import accepted_picks, unfiltered_kind
 from .redecide import associated
 

@@ -47,13 +47,8 @@ from ..explain.reasons import StepReasons
 from ..explain.suitability import Prepared, prepared
 from ..explain.unfiltered import Unfiltered
 from ..export.base import file_part
-from ..pipeline.config import (
-    build_pipeline,
-    load_pipeline,
-    named_pipelines,
-    parse_pipeline,
-    with_settings,
-)
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import load_pipeline, named_pipelines, parse_pipeline, with_settings
 from ..pipeline.engine import EventList, replay
 from ..pipeline.plugins import plugins
 from ..pipeline.results import (
@@ -78,7 +73,8 @@ if TYPE_CHECKING:
     from groundtrace_codecs.mcap.chunks import Damage
 
     from ..evaluation.report import Score
-    from ..pipeline.config import Pipeline, PipelineConfig
+    from ..pipeline.chain import Pipeline
+    from ..pipeline.config import PipelineConfig
     from ..pipeline.warned import Warned
     from .engines import Engine
     from .table import Parts

@@ -20,7 +20,8 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..api.replay import PlannedReplay
 from ..errors import GroundtraceError, RecordingError
-from ..pipeline.config import build_pipeline, parse_pipeline
+from ..pipeline.chain import build_pipeline
+from ..pipeline.config import parse_pipeline
 from ..pipeline.engine import EventList
 from ..pipeline.results import package_versions
 from ..pipeline.source import Source

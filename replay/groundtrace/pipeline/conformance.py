@@ -16,8 +16,8 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Pick, StepEvent, TraceBlock
 from groundtrace_codecs.signals import SignalBlock
 
-from .parameters import describe
-from .stage import CLOCK_STEP, Curve, Stage, StageConfig, StageRunner, detects, topic_of
+from .parameters import StageConfig, describe
+from .stage import CLOCK_STEP, Curve, Stage, StageRunner, detects, topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
-    from .config import Pipeline
+    from .chain import Pipeline
 
     #: What a source gives: blocks and gaps in time order, and notes on them.
     Item = SignalBlock | Gap | Note

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
@@ -41,6 +41,37 @@ def gate(unit: str, doc: str, **bounds: float) -> msgspec.Meta:
 
 def _meta(part: Part, unit: str, doc: str, **bounds: Any) -> msgspec.Meta:
     return msgspec.Meta(description=doc, extra={"unit": unit, "part": part}, **bounds)
+
+
+@dataclass(frozen=True, slots=True)
+class StageConfig:
+    """One ``[[stage]]`` of a pipeline.
+
+    Attributes
+    ----------
+    use
+        Name of the registered plugin.
+    name
+        Name in this pipeline; the plugin's where empty.
+    topics
+        Patterns of topics it may run on; empty means all that fit.
+    parameters
+        Values that differ from the plugin's defaults.
+    source
+        Names of the stages that it takes from, of those before it that give what it takes; the
+        last, or as the stage says, where empty.
+    """
+
+    use: str
+    name: str = ""
+    topics: tuple[str, ...] = ()
+    parameters: dict[str, Any] = field(default_factory=dict)
+    source: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """The name that settings use."""
+        return self.name or self.use
 
 
 @dataclass(frozen=True, slots=True)

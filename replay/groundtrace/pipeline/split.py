@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.signals import Stream
 
-    from .config import Pipeline, Taking
+    from .chain import Pipeline, Taking
 
     #: What stages made of something: by their names, events, and what was made of these.
     Made = dict[str, list[tuple[Event, "Made"]]]

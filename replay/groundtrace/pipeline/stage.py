@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from .parameters import StageConfig
+
     #: What a stage is given, and what it yields.
     Item = SignalBlock | Event
     P = TypeVar("P")
@@ -383,37 +385,6 @@ def accepted_events(block: CandidateBlock) -> list[Event]:
     """Return the events that the accepted candidates of a block stand for, as the table has it."""
     kind = kind_emitted(block.spec.emits)
     return [] if kind is None else list(kind.from_candidates(block))
-
-
-@dataclass(frozen=True, slots=True)
-class StageConfig:
-    """One ``[[stage]]`` of a pipeline.
-
-    Attributes
-    ----------
-    use
-        Name of the registered plugin.
-    name
-        Name in this pipeline; the plugin's where empty.
-    topics
-        Patterns of topics it may run on; empty means all that fit.
-    parameters
-        Values that differ from the plugin's defaults.
-    source
-        Names of the stages that it takes from, of those before it that give what it takes; the
-        last, or as the stage says, where empty.
-    """
-
-    use: str
-    name: str = ""
-    topics: tuple[str, ...] = ()
-    parameters: dict[str, Any] = field(default_factory=dict)
-    source: tuple[str, ...] = ()
-
-    @property
-    def key(self) -> str:
-        """The name that settings use."""
-        return self.name or self.use
 
 
 @dataclass(slots=True)

@@ -13,8 +13,9 @@ from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
 from groundtrace.detectors.peaks import PeakDetector
 from groundtrace.evaluation.steps import score_steps
 from groundtrace.pipeline.conformance import check_stage, run
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream

@@ -8,9 +8,10 @@ import pytest
 
 from groundtrace.evaluation.matching import match_steps
 from groundtrace.pipeline.conformance import Outcome, run
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path

@@ -12,7 +12,8 @@ from stage_contexts import context_of, rows_in
 
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
 from groundtrace.pipeline.gates import Candidates, decide
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,

@@ -21,8 +21,9 @@ from groundtrace.detectors.dempster_shafer import (
 )
 from groundtrace.pipeline.conformance import Outcome, check_stage, run
 from groundtrace.pipeline.gates import Candidates, decide
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import path_of

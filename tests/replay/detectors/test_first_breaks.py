@@ -21,7 +21,8 @@ from groundtrace.detectors.first_breaks import (
 )
 from groundtrace.pipeline.conformance import assert_same, outcome, rechunked
 from groundtrace.pipeline.gates import Candidates
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace.simulate.line import LineOptions, simulate_line
 from groundtrace.simulate.recording import Simulation
 from groundtrace_codecs.events import Gap, Note, Pick

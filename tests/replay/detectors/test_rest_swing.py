@@ -8,7 +8,8 @@ from walking_blocks import START_NS, waist
 
 from groundtrace.detectors.swing import SwingDetector, SwingParameters, extreme
 from groundtrace.pipeline.conformance import check_stage, run
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 GATES = [gate.name for gate in SwingDetector.gates]

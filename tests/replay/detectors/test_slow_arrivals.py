@@ -12,7 +12,8 @@ from slow_arrivals import slow_toa_cv
 from groundtrace.detectors.variance_change import VarianceChange
 from groundtrace.pipeline.conformance import outcome, rechunked
 from groundtrace.pipeline.gates import Candidates, decide
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.signals import SignalBlock
 
 

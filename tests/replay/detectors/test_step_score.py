@@ -18,8 +18,9 @@ from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
 from groundtrace.detectors.step_score import SCALES, TAPS, USUAL_STEP_S, Scores, Surroundings
 from groundtrace.evaluation.matching import match
 from groundtrace.pipeline.conformance import run
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import Note, StepEvent
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream

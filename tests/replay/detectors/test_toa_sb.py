@@ -7,7 +7,8 @@ import pytest
 from pickers import emergent, figures, lateness
 
 from groundtrace.detectors.noise_statistics import STRETCHES, NoiseStatistics
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 

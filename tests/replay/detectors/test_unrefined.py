@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from groundtrace.pipeline.conformance import assert_same, rechunked, run
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 RATE_HZ, ONSET_S = 20_000.0, 0.2

@@ -14,7 +14,8 @@ from groundtrace.detectors.zero_velocity import (
     ZeroVelocityStatistic,
 )
 from groundtrace.pipeline.conformance import check_stage, run
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 LEAD = ZeroVelocityParameters().lead_s

@@ -19,10 +19,10 @@ from groundtrace.explain.redecide import associated
 from groundtrace.explain.sweep import resolved
 from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace.pipeline.gates import Candidates, decided_block, gate_specs
-from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.parameters import StageConfig, build
 from groundtrace.pipeline.plugins import stage_named
 from groundtrace.pipeline.results import Evidence, StageEvidence
-from groundtrace.pipeline.stage import Frames, StageConfig, StageRunner, emitted
+from groundtrace.pipeline.stage import Frames, StageRunner, emitted
 from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
 from groundtrace_codecs.signals import NS_PER_S
 

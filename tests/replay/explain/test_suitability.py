@@ -12,8 +12,8 @@ from groundtrace.errors import PipelineError
 from groundtrace.evaluation.steps import score_steps
 from groundtrace.explain.suitability import prepared, refuse_unsuitable, with_placements
 from groundtrace.explain.sweep import measure_evidence
+from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import (
-    build_pipeline,
     load_pipeline,
     named_pipelines,
     parse_pipeline,

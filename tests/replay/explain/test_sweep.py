@@ -29,7 +29,8 @@ from groundtrace.explain.sweep import (
     resolved,
     with_values,
 )
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.results import stage_evidence
 from groundtrace.pipeline.source import Source

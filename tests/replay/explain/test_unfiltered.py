@@ -12,8 +12,9 @@ from test_planted_causes import Planting
 
 from groundtrace.cli.main import main
 from groundtrace.explain.reasons import unfiltered_kind
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import plugins, stage_named
-from groundtrace.pipeline.stage import StageConfig, detects
+from groundtrace.pipeline.stage import detects
 from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording

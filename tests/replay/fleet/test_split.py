@@ -33,8 +33,8 @@ from groundtrace.fleet.engines import engine_of
 from groundtrace.fleet.run import Task
 from groundtrace.fleet.split import SpanTask, ahead, replayed
 from groundtrace.pipeline.config import PipelineConfig
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.results import read_results
-from groundtrace.pipeline.stage import StageConfig
 from groundtrace_codecs.events import Gap, Note, Presence
 from groundtrace_codecs.signals import SignalBlock
 from groundtrace_codecs.writer import write_recording

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from groundtrace.evaluation.report import Score, score_events
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from turning_sensor import RATE_HZ, Turning, turning
 
-from groundtrace.pipeline.config import Pipeline, build_pipeline, load_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import Pipeline, build_pipeline
+from groundtrace.pipeline.config import load_pipeline, parse_pipeline
 from groundtrace_codecs.events import CandidateBlock, Disturbance, Gap, Heading, Note, StageSpec
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 

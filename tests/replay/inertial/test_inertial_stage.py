@@ -12,9 +12,11 @@ from foot_walks import START_NS, Gait, Sensor, circle, foot_stream, foot_walk
 
 from groundtrace.inertial.ins import FootNavigator
 from groundtrace.inertial.strapdown import FootNavigatorParameters
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.conformance import FAULTS, rechunked
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, StepEvent, TrackPoint
 
 if TYPE_CHECKING:

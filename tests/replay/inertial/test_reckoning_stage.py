@@ -14,8 +14,10 @@ import pytest
 from groundtrace.errors import PipelineError
 from groundtrace.inertial.pdr import DeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
-from groundtrace.pipeline.config import build_pipeline, parse_pipeline
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import parse_pipeline
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,

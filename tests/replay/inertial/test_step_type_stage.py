@@ -22,7 +22,8 @@ from typed_walks import (
 
 from groundtrace.errors import PipelineError
 from groundtrace.evaluation.report import score_events
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, parse_pipeline
 from groundtrace.pipeline.parameters import describe
 from groundtrace_codecs.events import CandidateBlock, Event, Gap, Note, StageSpec, StepEvent
 

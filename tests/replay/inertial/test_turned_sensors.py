@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from groundtrace.inertial.pdr import DeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import Heading, Note, StageSpec, StepEvent, TrackPoint

@@ -25,9 +25,10 @@ from groundtrace.layout.calibrate import (
     gather,
 )
 from groundtrace.localizers.wave_physics import PLATE
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
 from groundtrace.pipeline.results import read_results
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import Fix, Label, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.signals import NS_PER_S

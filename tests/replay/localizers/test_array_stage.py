@@ -13,9 +13,11 @@ from replay_blocks import START_NS, stream_of
 from groundtrace.errors import PipelineError
 from groundtrace.localizers.array_method import ArrayMethod, ArrayParameters, Window, takes_steps
 from groundtrace.pipeline.buffers import SignalBuffer
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig
 from groundtrace.pipeline.gates import Candidates
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import (
     Bearing,
     CandidateBlock,

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundtrace.localizers.intersection import CovarianceIntersection, intersected
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import CandidateBlock, Fix, StageSpec, StepEvent
 
 if TYPE_CHECKING:

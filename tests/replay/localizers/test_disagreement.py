@@ -10,9 +10,11 @@ import pytest
 
 from groundtrace.errors import PipelineError
 from groundtrace.localizers.disagreement import LocalizerDisagreement
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig
 from groundtrace.pipeline.conformance import assert_same, outcome
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import CandidateBlock, Disagreement, Fix, Gap, Note, StageSpec
 from groundtrace_codecs.geometry import Geometry, Sensor
 

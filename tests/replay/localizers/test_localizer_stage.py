@@ -12,12 +12,14 @@ from groundtrace.errors import PipelineError
 from groundtrace.explain.redecide import OfflineDecider, parse_axis
 from groundtrace.localizers.base import PlacedSensors, first_arrivals
 from groundtrace.localizers.methods import PowerLaw
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace.pipeline.conformance import assert_same, outcome
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
 from groundtrace.pipeline.results import Evidence, stage_evidence
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.recording import Recording

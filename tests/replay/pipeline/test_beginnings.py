@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from sweeps import swept
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, named_pipelines
 from groundtrace.pipeline.conformance import BLOCK_SIZES, assert_same, rechunked, run
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load, plugins, stage_named
-from groundtrace.pipeline.stage import StageConfig, StageRunner, detects, wanted_quantities
+from groundtrace.pipeline.stage import StageRunner, detects, wanted_quantities
 from groundtrace_codecs.events import CandidateBlock, Gap, TraceBlock
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream

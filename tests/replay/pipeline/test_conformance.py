@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from sweeps import swept
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, named_pipelines
 from groundtrace.pipeline.conformance import (
     BLOCK_SIZES,
     assert_same,
@@ -87,7 +88,8 @@ def _one_run(items: list[Any]) -> list[SignalBlock]:
 
 
 def _stages(kind: Any) -> Any:
-    from groundtrace.pipeline.stage import StageConfig, StageRunner
+    from groundtrace.pipeline.parameters import StageConfig
+    from groundtrace.pipeline.stage import StageRunner
 
     return lambda: StageRunner(StageConfig("d", "d"), kind, kind.Parameters())
 

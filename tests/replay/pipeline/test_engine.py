@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from replay_blocks import START_NS, block_of, stream_of
 
-from groundtrace.pipeline.config import Pipeline, PipelineConfig
+from groundtrace.pipeline.chain import Pipeline
+from groundtrace.pipeline.config import PipelineConfig
 from groundtrace.pipeline.engine import Clock, ReplayCounts, replay
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, StepEvent, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S

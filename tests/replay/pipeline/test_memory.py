@@ -16,12 +16,14 @@ import pytest
 from decided_spans import assert_same_span
 from sweeps import swept
 
-from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import PipelineConfig
 from groundtrace.pipeline.engine import EventList, ReplayLoop
 from groundtrace.pipeline.gates import Refractory
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import plugins, stage_named
 from groundtrace.pipeline.source import Source
-from groundtrace.pipeline.stage import Memory, StageConfig, StepMeasure
+from groundtrace.pipeline.stage import Memory, StepMeasure
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.recording import LoggedBlock, Recording
 from groundtrace_codecs.signals import NS_PER_S, QUANTITIES, Channel, SignalBlock, Stream

@@ -17,8 +17,8 @@ from groundtrace.detectors.dempster_shafer import (
     TrapezoidMembership,
 )
 from groundtrace.errors import PipelineError
-from groundtrace.pipeline.parameters import build
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig, build
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import GateSpec, Note, Quantity, StageSpec
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 

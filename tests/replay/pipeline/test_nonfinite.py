@@ -10,10 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replay_blocks import START_NS, block_of, cuts_of, split, stream_of
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace.pipeline.plugins import load
 from groundtrace.pipeline.source import NonFiniteHold
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 

@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from replay_blocks import START_NS, block_of, stream_of
 
 from groundtrace.errors import PipelineError, PluginError
+from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import (
     PipelineConfig,
-    build_pipeline,
     load_pipeline,
     named_pipelines,
     parse_pipeline,
     with_settings,
 )
-from groundtrace.pipeline.stage import StageConfig
+from groundtrace.pipeline.parameters import StageConfig
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -208,7 +208,7 @@ class Echo:
 
 
 def test_every_stage_sees_the_item_and_what_the_stages_before_made_of_it():
-    from groundtrace.pipeline.config import Pipeline
+    from groundtrace.pipeline.chain import Pipeline
 
     stream = stream_of()
     block = block_of(stream, 0, [0.0])

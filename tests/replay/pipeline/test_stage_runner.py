@@ -9,16 +9,8 @@ import numpy as np
 from replay_blocks import START_NS, block_of, stream_of
 
 from groundtrace.pipeline.gates import Candidates, Level
-from groundtrace.pipeline.parameters import gate
-from groundtrace.pipeline.stage import (
-    CannotStart,
-    Context,
-    Frames,
-    Input,
-    Stage,
-    StageConfig,
-    StageRunner,
-)
+from groundtrace.pipeline.parameters import StageConfig, gate
+from groundtrace.pipeline.stage import CannotStart, Context, Frames, Input, Stage, StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,

@@ -7,7 +7,8 @@ import math
 
 import pytest
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.track_check import TrackCheck, Tracking
 from groundtrace_codecs.events import Fix, Note, StepEvent, TrackPoint
 from groundtrace_codecs.geometry import Geometry

@@ -11,7 +11,8 @@ from replay_blocks import block_of, stream_of
 
 from groundtrace.pipeline import engine
 from groundtrace.pipeline import engine as cores
-from groundtrace.pipeline.config import Pipeline, PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import Pipeline, build_pipeline
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace.pipeline.engine import AHEAD, Clock, ReplayLoop, replay
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import Note

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from sweeps import swept
 
 from groundtrace.pipeline.buffers import StreamSynchronizer, in_order
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write

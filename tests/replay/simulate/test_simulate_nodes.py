@@ -94,7 +94,8 @@ def test_blocks_of_any_size_give_the_same_passes() -> None:
 
 
 def test_stations_whose_places_are_unknown_have_passes_without_directions() -> None:
-    from groundtrace.pipeline.config import build_pipeline, load_pipeline
+    from groundtrace.pipeline.chain import build_pipeline
+    from groundtrace.pipeline.config import load_pipeline
 
     simulation = simulate_vehicle(SITE)
     chain = build_pipeline(load_pipeline("vehicle-passes"), Geometry())

@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from groundtrace.evaluation.report import score_events
 from groundtrace.evaluation.tracks import score_tracks
-from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.parameters import StageConfig, build
 from groundtrace.pipeline.results import read_results
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace.trackers.walkers import WalkersParameters, WalkerTracker
 from groundtrace_codecs.events import CandidateBlock, Fix, Label, StageSpec, StepEvent, TrackPoint
 

@@ -11,10 +11,11 @@ import pytest
 
 from groundtrace.errors import PipelineError
 from groundtrace.evaluation.tracks import score_tracks
-from groundtrace.pipeline.config import build_pipeline, parse_pipeline, wire
-from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.chain import build_pipeline, wire
+from groundtrace.pipeline.config import parse_pipeline
+from groundtrace.pipeline.parameters import StageConfig, build
 from groundtrace.pipeline.plugins import stage_named
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace.trackers.walkers import COMMON, WalkersParameters, WalkerTracker
 from groundtrace_codecs.events import (
     SMOOTHED,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from vehicle_runs import replayed, road
 
-from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace.simulate.road import VehicleOptions
 from groundtrace.vehicles.course_stages import TrackOrigin, crossing_of, lines_of
 from groundtrace.vehicles.courses import RunCollector, RunLimits

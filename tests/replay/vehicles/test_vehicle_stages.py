@@ -10,7 +10,8 @@ from vehicle_runs import START_NS, replayed, road, told
 
 from groundtrace.errors import PipelineError
 from groundtrace.evaluation.report import score_events
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, parse_pipeline
 from groundtrace.pipeline.stage import LocationEstimate
 from groundtrace.simulate.road import VehicleOptions
 from groundtrace_codecs.events import (

@@ -13,7 +13,8 @@ from shared_viewer import pixels, running_viewer
 from shot_sessions import shot_labels, write_shots
 from sweeps import swept
 
-from groundtrace.pipeline.config import build_pipeline, named_pipelines, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import named_pipelines, parse_pipeline
 from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions

@@ -13,7 +13,8 @@ from viewer_sessions import read_back
 
 from groundtrace.explain.compare import compare
 from groundtrace.explain.reasons import matched
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline, with_settings
 from groundtrace.pipeline.engine import EventList
 from groundtrace.pipeline.results import Evidence, Provenance, Results, evidence_of, stage_evidence
 from groundtrace.pipeline.source import Source

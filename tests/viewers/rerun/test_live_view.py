@@ -25,7 +25,8 @@ from viewer_sessions import (
     walker_session,
 )
 
-from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.results import LAST_NS
 from groundtrace_codecs.events import Gap, Heading, Pick, StageSpec, StepEvent, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock

@@ -18,7 +18,8 @@ from viewer_sessions import (
     seismic_samples,
 )
 
-from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace_codecs.events import Bearing, Disagreement, Fix, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Sensor

@@ -9,7 +9,8 @@ import pytest
 from viewer_sessions import IMU, at, blocks, imu_samples, read_back, walker_session, write_walk
 
 from groundtrace.evaluation.positions import turn_onto
-from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import parse_pipeline
 from groundtrace_codecs.events import (
     Label,
     StepEvent,

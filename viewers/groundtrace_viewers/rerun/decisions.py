@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from groundtrace.detectors.trace import FRAME_S
-from groundtrace.pipeline.parameters import describe
-from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import StageConfig, describe
+from groundtrace.pipeline.stage import StageRunner
 from groundtrace_codecs.events import (
     EVENTS,
     CandidateBlock,
