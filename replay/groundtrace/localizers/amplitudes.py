@@ -329,6 +329,8 @@ def peaks(window: Window, arrivals_s: Array, peak_s: float) -> tuple[Array, Flag
         return heights, clipped
     quiet = values[: max(2, round((float(arrivals_s[heard].min()) - 8 * EARLY_S) * rate_hz))]
     still, noise = quiet.mean(axis=0), quiet.std(axis=0)
+    steps = np.abs(np.diff(values, axis=0))
+    unit = np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
     for channel in np.flatnonzero(heard):
         start = max(0, round((arrivals_s[channel] - EARLY_S) * rate_hz))
         part = values[start : start + max(2, round((EARLY_S + peak_s) * rate_hz)), channel]
@@ -337,22 +339,23 @@ def peaks(window: Window, arrivals_s: Array, peak_s: float) -> tuple[Array, Flag
         size = np.abs(part - still[channel])
         if size.max() > OVER_NOISE * noise[channel]:
             heights[channel] = np.log(size.max())
-            clipped[channel] = _is_flat(part, int(size.argmax()), values[:, channel])
+            clipped[channel] = _is_flat(part, int(size.argmax()), float(unit[channel]))
     return heights, clipped
 
 
-def _is_flat(part: Array, top: int, whole: Array) -> bool:
-    """Whether samples about the top share its value and leave it steeply."""
-    steps = np.abs(np.diff(whole))
-    steps = steps[steps > 0]
-    if not len(steps):
+def _is_flat(part: Array, top: int, unit: float) -> bool:
+    """Whether samples about the top share its value and leave it steeply.
+
+    ``unit`` is the digitiser's step; infinite where no sample differs from the next.
+    """
+    if np.isinf(unit):
         return False
-    unit = float(steps.min())
     off = np.abs(part - part[top]) / unit
-    away = np.flatnonzero(off >= 0.5)
-    before, after = away[away < top], away[away > top]
-    first = int(before[-1]) if len(before) else -1
-    last = int(after[0]) if len(after) else len(part)
+    first, last = top - 1, top + 1
+    while first >= 0 and off[first] < 0.5:
+        first -= 1
+    while last < len(part) and off[last] < 0.5:
+        last += 1
     left = [off[i] for i in (first, last) if 0 <= i < len(part)]
     return last - first - 1 >= FLAT and bool(left) and min(left) >= LEAVES
 

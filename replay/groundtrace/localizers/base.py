@@ -133,7 +133,7 @@ class ModelCheck:
         spare = found.picks - self.unknowns
         if not found.found or spare < 1:
             return
-        scatter = float(np.nanstd(times_s))
+        scatter = float(times_s[np.isfinite(times_s)].std())
         square = found.picks * found.residual**2 / (self.sigma_s**2 + (MODEL_ERROR * scatter) ** 2)
         self.residuals.learn(square, spare)
 
