@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
+from bearings import LAYOUTS, NORMS, WEIGHTS, drawn
 
 from groundtrace.layout.attenuation import fit_attenuation
 from groundtrace.localizers.bearings import Norm, Weights, intersect
@@ -71,6 +74,20 @@ def test_bearings_that_miss_each_other_by_more_than_they_claim_tell_less(weights
     assert np.trace(differ.covariance) > 9 * np.trace(agree.covariance)
     two = intersect(STATIONS[:2], azimuths[:2], SIGMAS[:2], "l1", weights)
     assert np.isfinite(two.covariance).all()
+
+
+@pytest.mark.parametrize("wild", [0.0, 0.1])
+@pytest.mark.parametrize("layout", sorted(LAYOUTS))
+def test_places_are_nearer_than_the_middle_of_the_room(layout: str, wild: float) -> None:
+    rng = np.random.default_rng(7)
+    places, stations = rng.uniform(0.5, 9.5, (60, 2)), LAYOUTS[layout]
+    azimuths, claimed = drawn(places, stations, np.deg2rad(6.0), wild, rng)
+    rival = np.median(np.hypot(*(places - 5.0).T))
+    for norm, weights in product(NORMS, WEIGHTS):
+        told = zip(azimuths, claimed, strict=True)
+        found = [intersect(stations, *one, norm, weights) for one in told]
+        off = [np.hypot(f.x - x, f.y - y) for f, (x, y) in zip(found, places, strict=True)]
+        assert np.nanmedian(off) < rival / 2
 
 
 def test_one_bearing_and_parallel_ones_lead_nowhere() -> None:

@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sweeps import swept
+from vehicle_nodes import EMPTY, MIXED, Table, rival
+from vehicle_nodes import told as told_of_site
 from vehicle_powers import LAW
 from vehicle_runs import replayed, told
 
 from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace.vehicles.course_stages import (
     CourseFinder,
     CourseParameters,
@@ -159,3 +162,16 @@ def test_only_what_stands_beside_a_row_has_a_mirror_image() -> None:
         bent = replace(seen, sensors=PLACES + np.array([(0, 0), (0, 12), (0, 0)]))
         bent = replace(bent, powers=50 * LAW.power(ranges(way, bent.sensors)) + 0.005)
         assert told_apart or mirror_lost(bent, way, 1.0) > 3
+
+
+@pytest.mark.parametrize("seed", [24])  # of those that chose nothing
+def test_passes_of_a_drawn_site_are_no_worse_than_peaks_in_order(seed: int) -> None:
+    site = {"seed": seed, "layout": "nodes", "components": 3}
+    mixed = simulate_vehicle(VehicleOptions(**site, **MIXED))
+    empty = simulate_vehicle(VehicleOptions(**site, **EMPTY))
+    ours, rivals = Table(), Table()
+    ours.add(mixed, told_of_site(mixed))
+    rivals.add(mixed, rival(mixed))
+    assert ours.right >= rivals.right
+    assert ours.wrong + ours.false <= rivals.wrong + rivals.false
+    assert len(told_of_site(empty)) <= len(rival(empty))
