@@ -315,9 +315,7 @@ def intersect(
         return no_location(count)
     place = np.linalg.lstsq(normals, offsets, rcond=None)[0]
     for _ in range(PASSES):
-        errors = np.ones(count)
-        if weights == "errors":
-            errors = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
+        errors = np.ones(count) if weights == "none" else _across(sigmas, stations, place)
         weight = 1 / errors**2
         if norm == "l1":
             weight /= np.maximum(np.abs(normals @ place - offsets) / errors, 1e-6)
@@ -326,19 +324,25 @@ def intersect(
         if np.hypot(*(moved - place)) < LEAST_M:
             break
         place = moved
-    gain: Array = np.asarray(np.linalg.solve(information, normals.T * weight))
-    return _located(place, stations, normals, sigmas, gain if weights == "none" else None)
+    errors = _across(sigmas, stations, place)
+    if weights == "errors":  # the least that lines with such errors allow, whatever the norm
+        weight = 1 / errors**2
+        information = normals.T @ (normals * weight[:, None])
+    gain = np.asarray(np.linalg.solve(information, normals.T * weight))
+    return _located(place, stations, normals, errors, gain)
+
+
+def _across(sigmas: Array, stations: Array, place: Array) -> Array:
+    """Return the errors of the distances of lines from a place, shape (n,) [m]."""
+    errors: Array = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
+    return errors
 
 
 def _located(
-    place: Array, stations: Array, normals: Array, sigmas: Array, gain: Array | None
+    place: Array, stations: Array, normals: Array, errors: Array, gain: Array
 ) -> LocationEstimate:
-    """Return a place with its covariance: by a gain on what lines are off, else the best one."""
+    """Return a place whose lines have such errors across, which the gain takes to the place."""
     away = place - stations
-    errors = sigmas * np.maximum(np.hypot(*away.T), LEAST_M)
-    if gain is None:
-        scaled = normals / errors[:, None] ** 2
-        gain = np.linalg.solve(normals.T @ scaled, scaled.T)
     covariance = (gain * errors**2) @ gain.T
     left = np.eye(len(stations)) - normals @ gain
     expected = float(np.sum((left * errors) ** 2 / errors[:, None] ** 2))

@@ -164,9 +164,8 @@ def test_only_what_stands_beside_a_row_has_a_mirror_image() -> None:
         assert told_apart or mirror_lost(bent, way, 1.0) > 3
 
 
-@pytest.mark.parametrize("seed", [24])  # of those that chose nothing
-def test_passes_of_a_drawn_site_are_no_worse_than_peaks_in_order(seed: int) -> None:
-    site = {"seed": seed, "layout": "nodes", "components": 3}
+def test_passes_of_a_drawn_site_are_no_worse_than_peaks_in_order() -> None:
+    site = {"seed": 24, "layout": "nodes", "components": 3}  # a seed that chose nothing
     mixed = simulate_vehicle(VehicleOptions(**site, **MIXED))
     empty = simulate_vehicle(VehicleOptions(**site, **EMPTY))
     ours, rivals = Table(), Table()
