@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def did_you_mean(found: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, choices: Iterable[str]) -> str:
     """Return ``; did you mean NAME?`` with the known name nearest to a wrong one, or nothing.
 
     Parameters
     ----------
-    found
+    name
         The wrong name.
-    known
+    choices
         Those it could have been.
     """
     from difflib import get_close_matches
 
-    near = get_close_matches(found, list(known), n=1)
+    near = get_close_matches(name, list(choices), n=1)
     return f"; did you mean {near[0]}?" if near else ""
 
 

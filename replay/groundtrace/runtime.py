@@ -48,7 +48,7 @@ def leave_working_folder() -> None:
         os.environ["PYTHONPATH"] = os.pathsep.join(name for name in named if name)
         if "" in named and places[-1] not in named and places[-1] in sys.path:
             sys.path.remove(places[-1])
-    sys.path[:] = [place for place in sys.path if place]
+    sys.path[:] = [folder for folder in sys.path if folder]
 
 
 @contextmanager

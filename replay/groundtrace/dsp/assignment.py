@@ -34,8 +34,8 @@ def assign(cost: NDArray[np.float64], gate: float) -> NDArray[np.intp]:
     # One forbidden pair costs more than all allowed ones, so that as few as can be are taken.
     forbidden = 1.0 + 2.0 * float(cost[allowed].max()) * min(cost.shape)
     rows, columns = cheapest(np.where(allowed, cost, forbidden))
-    kept = allowed[rows, columns]
-    return np.column_stack([rows[kept], columns[kept]])
+    allowed_pairs = allowed[rows, columns]
+    return np.column_stack([rows[allowed_pairs], columns[allowed_pairs]])
 
 
 def cheapest(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -156,13 +156,13 @@ def _nearest_circle(poles: Sequence[complex]) -> int:
 
 def steady_state(sos: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what second-order sections hold after a long row of ones, shape (n_sections, 2)."""
-    held = np.empty((len(sos), 2))
+    states = np.empty((len(sos), 2))
     scale = 1.0
-    for section, state in zip(sos, held, strict=True):
+    for section, state in zip(sos, states, strict=True):
         b, a = section[:3], section[3:]
         state[:] = np.linalg.solve([[1 + a[1], -1.0], [a[2], 1.0]], b[1:] - a[1:] * b[0]) * scale
         scale *= b.sum() / a.sum()
-    return held
+    return states
 
 
 def bandpass(low_hz: float, high_hz: float, rate_hz: float, order: int = 2) -> NDArray[np.float64]:
@@ -216,8 +216,8 @@ def forgotten_s(low_hz: float, high_hz: float, order: int = 2) -> float:
 
 def phase_delay_s(sos: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
     """Return by how much ``sos`` delays a sinusoid of ``frequency_hz`` [s]."""
-    turned = np.exp(-2j * np.pi * frequency_hz / rate_hz * np.arange(3))
-    response = np.prod(sos[:, :3] @ turned / (sos[:, 3:] @ turned))
+    phasors = np.exp(-2j * np.pi * frequency_hz / rate_hz * np.arange(3))
+    response = np.prod(sos[:, :3] @ phasors / (sos[:, 3:] @ phasors))
     return float(-np.angle(response) / (2 * np.pi * frequency_hz))
 
 
@@ -246,8 +246,8 @@ class StreamingFilter:
         if x.shape[1] == 0:
             return x
         if self.zi is None:
-            held = steady_state(self.sos)[:, None, :] * x[None, :, :1]
-            self.zi = np.ascontiguousarray(held)
+            settled = steady_state(self.sos)[:, None, :] * x[None, :, :1]
+            self.zi = np.ascontiguousarray(settled)
         y = np.empty(x.shape)
         kernels.filters.sections(_rows(x), self.sos, self.zi, y)
         return y
@@ -401,14 +401,14 @@ class SampleClock:
         anchor = (block.anchor_ns, block.first - self._count)
         self._period_ns = block.stream.period_ns
         if not self._count or self._anchors[-1] != anchor:
-            kept = len(self._anchors) if self._count else 0
-            self._starts[kept:], self._anchors[kept:] = [self._count], [anchor]
+            count = len(self._anchors) if self._count else 0
+            self._starts[count:], self._anchors[count:] = [self._count], [anchor]
         self._count += len(block)
 
     def at(self, index: NDArray[np.intp]) -> NDArray[np.int64]:
         """Return the times of samples [ns], shape (n,), as their blocks have them."""
-        own = np.maximum(np.searchsorted(self._starts, index, side="right") - 1, 0)
-        anchor_ns, before = np.array(self._anchors, np.int64)[own].T
+        blocks = np.maximum(np.searchsorted(self._starts, index, side="right") - 1, 0)
+        anchor_ns, before = np.array(self._anchors, np.int64)[blocks].T
         return np.asarray(anchor_ns + np.rint((index + before) * self._period_ns).astype(np.int64))
 
     def time_of(self, index: int) -> int:
@@ -446,13 +446,13 @@ class SampleHistory:
 
     def extend(self, samples: int) -> None:
         """Make room for some more samples; they are written by :meth:`recent`."""
-        kept = self.end - self.first
-        if self._begin + kept + samples > self._rows.shape[1]:
+        stored = self.end - self.first
+        if self._begin + stored + samples > self._rows.shape[1]:
             signals, room, channels = self._rows.shape
             # little more than a block stays near in the caches, and yet what is kept moves seldom
-            wanted = max(room, 4 * kept + samples)
+            wanted = max(room, 4 * stored + samples)
             rows = self._rows if wanted == room else np.empty((signals, wanted, channels))
-            rows[:, :kept] = self._rows[:, self._begin : self._begin + kept]
+            rows[:, :stored] = self._rows[:, self._begin : self._begin + stored]
             self._rows, self._begin = rows, 0
         self.end += samples
 
@@ -528,8 +528,8 @@ class CentredWindow:
         low = max(columns.start, 1)
         high = max(low, min(columns.stop, len(x) - 1))
         inside = x[low:high]
-        found = (inside > x[low - 1 : high - 1]) & (inside >= x[low + 1 : high + 1])
-        return np.flatnonzero(found) + low
+        is_maximum = (inside > x[low - 1 : high - 1]) & (inside >= x[low + 1 : high + 1])
+        return np.flatnonzero(is_maximum) + low
 
 
 def level(values: NDArray[np.float64]) -> float:

@@ -150,8 +150,8 @@ class CellReducer:
         self._rows = np.concatenate([rest, np.stack(signals)], axis=2)
         self._first += self._count
         self._count = self._rows.shape[2] // self.length
-        whole = self._rows[:, :, : self._count * self.length]
-        recorded, filtered, level = whole.reshape(*whole.shape[:2], self._count, self.length)
+        cells = self._rows[:, :, : self._count * self.length]
+        recorded, filtered, level = cells.reshape(*cells.shape[:2], self._count, self.length)
         # along the first axis numpy adds in order, as the pickers' kernel does
         power = np.moveaxis(filtered * filtered, -1, 0).copy().sum(axis=0) / self.length
         frames = self._frames.add(
@@ -206,8 +206,10 @@ class NoiseRatio:
         noise = self._noise(level)
         if self._tail is None:
             self._tail = np.repeat(noise[:, :1], self.gap, axis=1)
-        known = np.maximum(self._count - self.gap + 1 + np.arange(n), 0)
-        trust = np.divide(known, known + self.warm_up, out=np.zeros(n), where=known > 0)
+        noise_cells = np.maximum(self._count - self.gap + 1 + np.arange(n), 0)
+        trust = np.divide(
+            noise_cells, noise_cells + self.warm_up, out=np.zeros(n), where=noise_cells > 0
+        )
         self._count += n
         line = np.ascontiguousarray(np.concatenate([self._tail, noise], axis=1))
         self._tail = line[:, n:].copy()
@@ -279,10 +281,10 @@ class LocalMaxima:
         if final:  # nothing follows
             line = np.concatenate([line, np.full((len(line), self.reach), -np.inf)], axis=1)
         count = max(0, line.shape[1] - self._keep - self.reach)
-        found = self._among(line, count)
+        maxima = self._among(line, count)
         self._tail = line[:, count:].copy()
         self.settled += count
-        return found
+        return maxima
 
     def _among(self, line: NDArray[np.float64], count: int) -> LocalMaximaWithOnset:
         """Find the maxima of ``count`` cells of a line, which begins ``_keep`` cells before."""

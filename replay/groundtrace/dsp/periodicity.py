@@ -106,9 +106,9 @@ def repetitions(signal: NDArray[np.float64], length: int, repeats: int) -> NDArr
     fastest = PERIODS_S[0] * GRID_HZ
     periods = (int(fastest), int(longest_s * GRID_HZ))
     signal = np.ascontiguousarray(signal)
-    found = kernels.steps.rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
-    found[1] = np.where(found[1] > 0, found[1] / GRID_HZ, USUAL_STEP_S)
-    return found
+    rhythms = kernels.steps.rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
+    rhythms[1] = np.where(rhythms[1] > 0, rhythms[1] / GRID_HZ, USUAL_STEP_S)
+    return rhythms
 
 
 class Rhythm:
@@ -138,54 +138,54 @@ class Rhythm:
     def __call__(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take values of the grid, shape (1, n); return strength, step time and swing by hop."""
         self._signal.add(signal)
-        for scale, found in zip(self.scales, self._found, strict=True):
+        for scale, windows in zip(self.scales, self._found, strict=True):
             count = (self._signal.end - scale.points) // HOP + 1
-            if count > found.end:
-                found.add(self._windows(found.end, count, scale))
-        self._signal.discard_before(HOP * min(found.end for found in self._found))
-        known = min(map(self._known, self.scales, self._found))
-        return self._until(known)
+            if count > windows.end:
+                windows.add(self._windows(windows.end, count, scale))
+        self._signal.discard_before(HOP * min(windows.end for windows in self._found))
+        end = min(map(self._known, self.scales, self._found))
+        return self._until(end)
 
     def flush(self) -> NDArray[np.float64]:
         """Return the values up to the end of the signal."""
         shortest = round(_SHORTEST_S * GRID_HZ)
-        for scale, found in zip(self.scales, self._found, strict=True):
-            if not found.end and self._signal.end >= shortest:
-                found.add(self._windows(0, 1, scale))
+        for scale, windows in zip(self.scales, self._found, strict=True):
+            if not windows.end and self._signal.end >= shortest:
+                windows.add(self._windows(0, 1, scale))
         return self._until(-(-self._signal.end // HOP) + 1)
 
     def _windows(self, start: int, end: int, scale: Scale) -> NDArray[np.float64]:
         """Return strength, step time and swing of windows ``[start, end)``, shape (3, n)."""
         signal = self._signal.between(start * HOP, (end - 1) * HOP + scale.points)[0]
         length = min(scale.points, len(signal))
-        found = repetitions(signal, length, scale.repeats)
-        found[0] *= np.sqrt(length / GRID_HZ / self.scales[0].window_s)
-        found[2] *= _SWING
-        return found
+        rhythms = repetitions(signal, length, scale.repeats)
+        rhythms[0] *= np.sqrt(length / GRID_HZ / self.scales[0].window_s)
+        rhythms[2] *= _SWING
+        return rhythms
 
-    def _known(self, scale: Scale, found: ColumnBuffer) -> int:
+    def _known(self, scale: Scale, windows: ColumnBuffer) -> int:
         """Return the first hop that needs a window which is not there yet."""
-        if not found.end:
+        if not windows.end:
             return 0
-        return max(found.end, found.end + scale.points // HOP - self.ahead)
+        return max(windows.end, windows.end + scale.points // HOP - self.ahead)
 
     def _until(self, end: int) -> NDArray[np.float64]:
         """Return the next values, up to hop ``end``."""
         end = max(self._next, end)
         values = np.zeros((3, end - self._next))
         values[1] = USUAL_STEP_S
-        for scale, found in zip(self.scales, self._found, strict=True):
-            self._add(values, found, scale)
+        for scale, windows in zip(self.scales, self._found, strict=True):
+            self._add(values, windows, scale)
         self._next = end
-        for scale, found in zip(self.scales, self._found, strict=True):
-            found.discard_before(min(self._next - 1 - scale.points // HOP, found.end - 1))
+        for scale, windows in zip(self.scales, self._found, strict=True):
+            windows.discard_before(min(self._next - 1 - scale.points // HOP, windows.end - 1))
         return values
 
-    def _add(self, values: NDArray[np.float64], found: ColumnBuffer, scale: Scale) -> None:
+    def _add(self, values: NDArray[np.float64], windows: ColumnBuffer, scale: Scale) -> None:
         """Take in what a scale says of the next hops."""
         hops = (self._next, self._next + values.shape[1])
         width = scale.points // HOP
-        best = kernels.steps.strongest(found.contiguous(), found.first, hops, self.ahead, width)
+        best = kernels.steps.strongest(windows.contiguous(), windows.first, hops, self.ahead, width)
         if scale is self.scales[0]:
             values[1] = np.where(np.isfinite(best[0]), best[1], values[1])
         stronger = best[0] > values[0]

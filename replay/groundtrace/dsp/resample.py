@@ -103,7 +103,7 @@ class UniformResampler:
         """Return the next points that lie at or before a sample of the run."""
         start = self._next
         end = max(start, int(np.floor(sample * GRID_HZ / self.rate_hz + 1e-9)) + 1)
-        low, recorded, own, past = kernels.grid.grid_points(
+        low, recorded, samples, past = kernels.grid.grid_points(
             self._values,
             self._first,
             start,
@@ -115,12 +115,12 @@ class UniformResampler:
             self._weight,
         )
         past_ns = np.rint(past * (NS_PER_S / self.rate_hz)).astype(np.int64)
-        time_ns = self._times[own] + past_ns
+        time_ns = self._times[samples] + past_ns
         self._next = end
-        kept = max(0, int(end * self.rate_hz / GRID_HZ) - self._reach - 1 - self._first)
-        self._first += kept
-        self._times = self._times[kept:]
-        self._values = np.ascontiguousarray(self._values[:, kept:])
+        dropped = max(0, int(end * self.rate_hz / GRID_HZ) - self._reach - 1 - self._first)
+        self._first += dropped
+        self._times = self._times[dropped:]
+        self._values = np.ascontiguousarray(self._values[:, dropped:])
         return GridPart(time_ns, low, recorded)
 
 
@@ -188,7 +188,7 @@ class ColumnBuffer:
         """Return all columns, as compiled functions take them."""
         return np.ascontiguousarray(self.values)
 
-    def discard_before(self, place: int) -> None:
+    def discard_before(self, index: int) -> None:
         """Drop the columns before a place."""
-        cut = min(max(place - self.first, 0), self.values.shape[1])
+        cut = min(max(index - self.first, 0), self.values.shape[1])
         self.values, self.first = self.values[:, cut:], self.first + cut

@@ -107,7 +107,7 @@ def product(left: Array, right: Array, out: Array) -> None:
 
 
 @inlined
-def propagate_covariance(step: Array, covariance: Array, half: Array, turned: Array) -> None:
+def propagate_covariance(step: Array, covariance: Array, half: Array, transposed: Array) -> None:
     """Put F P F' in P, shape (n, n), where F is the ``step``; the other two are written over.
 
     It is F (F P)' for a P that is symmetric, so that neighbours in memory are added.
@@ -115,8 +115,8 @@ def propagate_covariance(step: Array, covariance: Array, half: Array, turned: Ar
     product(step, covariance, half)
     for i in range(half.shape[0]):
         for k in range(half.shape[1]):
-            turned[k, i] = half[i, k]
-    product(step, turned, half)
+            transposed[k, i] = half[i, k]
+    product(step, transposed, half)
     for i in range(half.shape[0]):
         for k in range(half.shape[1]):
             covariance[k, i] = half[i, k]

@@ -287,15 +287,15 @@ def propagate(state: Any, frame: Any, last: Quaternion, length_s: float, p: Any)
     length_s
         Of the frame [s].
     """
-    covariance, dt, axes, turned = state.covariance, length_s, frame.axes, frame.earth_turn
+    covariance, dt, axes, rotation = state.covariance, length_s, frame.axes, frame.earth_turn
     start = quaternion(state.orientation)
     axes[:] = 0.0
     add_rotation_matrix(start, 1.0, axes)
     for i in range(3):
         for k in range(3):
-            turned[i, k] = 0.0
+            rotation[i, k] = 0.0
             for j in range(3):
-                turned[i, k] += axes[i, j] * frame.mean_turn[j, k]
+                rotation[i, k] += axes[i, j] * frame.mean_turn[j, k]
     force = rotate(start, vector(frame.force))
     x, y, z = dt * force[0], dt * force[1], dt * force[2]
     for side in range(2):  # F P, then (F P) F'
@@ -307,7 +307,7 @@ def propagate(state: Any, frame: Any, last: Quaternion, length_s: float, p: Any)
             half[VELOCITY + 2, j] += y * a - x * b
             u, v, w = half[BIAS, j], half[BIAS + 1, j], half[BIAS + 2, j]
             for i in range(3):
-                half[i, j] -= dt * (turned[i, 0] * u + turned[i, 1] * v + turned[i, 2] * w)
+                half[i, j] -= dt * (rotation[i, 0] * u + rotation[i, 1] * v + rotation[i, 2] * w)
     for k in range(3):
         covariance[k, k] += p.gyro_walk**2 * dt + p.gyro_scale**2 * frame.speed * dt
         covariance[VELOCITY + k, VELOCITY + k] += p.force_walk**2 * dt
@@ -372,15 +372,15 @@ def field_innovation(state: Any, frame: Any) -> Vector:
     The field b = m - R i, what was measured less the iron's part, is expected to be (0, north, up):
     errors of rotation, iron and earth are seen by [b x], -R and -1.
     """
-    seen, turned, field = state.seen, frame.earth_turn, frame.earth_field
+    seen, rotation, field = state.seen, frame.earth_turn, frame.earth_field
     a, b, c = vector(state.hard_iron)
-    x = field[0] - (turned[0, 0] * a + turned[0, 1] * b + turned[0, 2] * c)
-    y = field[1] - (turned[1, 0] * a + turned[1, 1] * b + turned[1, 2] * c)
-    z = field[2] - (turned[2, 0] * a + turned[2, 1] * b + turned[2, 2] * c)
+    x = field[0] - (rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c)
+    y = field[1] - (rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c)
+    z = field[2] - (rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c)
     seen[:] = 0.0
     for i in range(3):
         for k in range(3):
-            seen[i, IRON + k] = -turned[i, k]
+            seen[i, IRON + k] = -rotation[i, k]
     seen[0, 1], seen[0, 2], seen[1, 0] = z, -y, -z
     seen[1, 2], seen[2, 0], seen[2, 1] = x, y, -x
     seen[1, EARTH] = seen[2, EARTH + 1] = -1.0
@@ -402,10 +402,10 @@ def field_tests(
     length_s
         Of the frame [s].
     """
-    north, up, turned = state.earth_field[0], state.earth_field[1], frame.earth_turn
+    north, up, rotation = state.earth_field[0], state.earth_field[1], frame.earth_turn
     a, b, c = vector(state.clean_iron if state.doubted else state.hard_iron)
     for k in range(3):
-        iron = turned[k, 0] * a + turned[k, 1] * b + turned[k, 2] * c
+        iron = rotation[k, 0] * a + rotation[k, 1] * b + rotation[k, 2] * c
         frame.clean_field[k] = frame.earth_field[k] - iron
     x, y, z = vector(frame.clean_field)
     sigma = p.drift_factor * min(math.sqrt(max(state.covariance[2, 2], 0.0)), math.pi)
@@ -469,7 +469,7 @@ def filter_frames(
     azimuths: Array,
     orientation: Array,
     heading: Array,
-    told: Any,
+    rows: Any,
 ) -> int:
     """Filter frame after frame, up to one whose field is to be judged.
 
@@ -492,7 +492,7 @@ def filter_frames(
         Of the fields so far [T], [rad], with room for more.
     orientation, heading
         Take those of samples, shapes (n, 4) and (n,).
-    told
+    rows
         Takes what is told of each frame.
 
     Returns
@@ -501,17 +501,17 @@ def filter_frames(
     """
     length_s = length * p.step_s
     turns, moved = np.empty((length, 4)), np.empty((length, 6))
-    for f in range(first, len(told)):
-        start, stop, row = f * length, (f + 1) * length, told[f]
+    for f in range(first, len(rows)):
+        start, stop, row = f * length, (f + 1) * length, rows[f]
         before, bias = quaternion(state.orientation), vector(state.gyro_bias)
         delay_s = state.delay_sums[0] / state.delay_sums[1]
         samples = (rate[start:stop], force[start:stop], field[start:stop])
         integrate_frame(*samples, bias, delay_s, p.step_s, turns, moved, frame)
         for i in range(length):
-            turned = quaternion_product(before, quaternion(turns[i]))
-            x, y, _ = rotate(turned, vector(axis))
+            rotation = quaternion_product(before, quaternion(turns[i]))
+            x, y, _ = rotate(rotation, vector(axis))
             for k in range(4):
-                orientation[start + i, k] = turned[k]
+                orientation[start + i, k] = rotation[k]
             heading[start + i] = math.atan2(y, x)
         row.sigma_rad = min(math.sqrt(max(state.covariance[2, 2], 0.0)), math.pi)
         row.gyroscope_rad, row.passed = state.gyroscope_offset_rad, 1.0
@@ -536,4 +536,4 @@ def filter_frames(
             state.delay_sums[1] += frame.delay_sums[1]
         for k in range(3):
             row.gyro_bias[k] = state.gyro_bias[k]
-    return len(told)
+    return len(rows)

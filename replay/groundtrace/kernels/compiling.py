@@ -250,10 +250,10 @@ def _folder() -> Path:
         places.append(Path("~/.cache/groundtrace").expanduser())
     if numba.config.CACHE_DIR:
         places.insert(0, Path(numba.config.CACHE_DIR))
-    place = next((place for place in places if _writable(place)), places[0])
-    folder = place / f"kernels-{content.hexdigest()[:16]}"
+    parent = next((parent for parent in places if _writable(parent)), places[0])
+    folder = parent / f"kernels-{content.hexdigest()[:16]}"
     if not folder.exists() and _writable(folder):
-        for other in place.glob("kernels-*"):
+        for other in parent.glob("kernels-*"):
             with suppress(OSError):  # another process drops it, too
                 if time.time() - other.stat().st_mtime > OUTDATED_S:
                     shutil.rmtree(other)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])")
-def sections(x: Array, sos: Array, held: Array, y: Array) -> None:
+def sections(x: Array, sos: Array, memory: Array, y: Array) -> None:
     """Filter by second-order sections, one after the other.
 
     Each is::
@@ -32,7 +32,7 @@ def sections(x: Array, sos: Array, held: Array, y: Array) -> None:
         Shape (n_channels, n): signal, and where it goes filtered.
     sos
         Shape (n_sections, 6).
-    held
+    memory
         Shape (n_sections, n_channels, 2): p1 and p2.
     """
     for channel in range(len(x)):
@@ -40,18 +40,18 @@ def sections(x: Array, sos: Array, held: Array, y: Array) -> None:
         into[:] = x[channel]
         for s in range(len(sos)):
             b0, b1, b2, a1, a2 = sos[s, 0], sos[s, 1], sos[s, 2], sos[s, 4], sos[s, 5]
-            p1, p2 = held[s, channel, 0], held[s, channel, 1]
+            p1, p2 = memory[s, channel, 0], memory[s, channel, 1]
             for i in range(len(into)):
                 given = into[i]
-                found = b0 * given + p1
-                p1 = b1 * given - a1 * found + p2
-                p2 = b2 * given - a2 * found
-                into[i] = found
-            held[s, channel, 0], held[s, channel, 1] = p1, p2
+                filtered = b0 * given + p1
+                p1 = b1 * given - a1 * filtered + p2
+                p2 = b2 * given - a2 * filtered
+                into[i] = filtered
+            memory[s, channel, 0], memory[s, channel, 1] = p1, p2
 
 
 @compiled("void(f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1])")
-def weighted(x: Array, weights: Array, held: Array, y: Array) -> None:
+def weighted(x: Array, weights: Array, memory: Array, y: Array) -> None:
     """Return sums of the last samples, the newest by the first weight.
 
     Parameters
@@ -60,12 +60,12 @@ def weighted(x: Array, weights: Array, held: Array, y: Array) -> None:
         Shape (n_channels, n): signal, and where the sums go.
     weights
         Shape (k,).
-    held
+    memory
         Shape (n_channels, k): what samples before add to the next sums; the last is always 0.
     """
     last = len(weights) - 1
     for channel in range(len(x)):
-        p = held[channel]
+        p = memory[channel]
         for i in range(x.shape[1]):
             given = x[channel, i]
             y[channel, i] = p[0] + weights[0] * given
@@ -74,7 +74,7 @@ def weighted(x: Array, weights: Array, held: Array, y: Array) -> None:
 
 
 @compiled("void(f8[:, ::1], f8, f8[::1], f8[:, ::1])")
-def recursive_means(x: Array, coefficient: float, held: Array, y: Array) -> None:
+def recursive_means(x: Array, coefficient: float, memory: Array, y: Array) -> None:
     """Return m, of ``m += coefficient * (x - m)``.
 
     Parameters
@@ -83,14 +83,14 @@ def recursive_means(x: Array, coefficient: float, held: Array, y: Array) -> None
         Shape (n_channels, n): signal, and where the means go.
     coefficient
         Forgetting factor.
-    held
+    memory
         Shape (n_channels,): what is left of each mean.
     """
     keep = 1.0 - coefficient
     for channel in range(len(x)):
-        left = held[channel]
+        left = memory[channel]
         for i in range(x.shape[1]):
             mean = left + coefficient * x[channel, i]
             y[channel, i] = mean
             left = mean * keep
-        held[channel] = left
+        memory[channel] = left

@@ -31,10 +31,10 @@ FRAMES = numba.from_dtype(FRAME)[::1]
 
 def open_frames(channels: int) -> NDArray[np.void]:
     """Return what is kept of frames before their first column."""
-    found = np.zeros(channels, FRAME)
-    found["peak"] = found["high"] = -np.inf
-    found["low"], found["last"] = np.inf, np.nan
-    return found
+    frames_under_way = np.zeros(channels, FRAME)
+    frames_under_way["peak"] = frames_under_way["high"] = -np.inf
+    frames_under_way["low"], frames_under_way["last"] = np.inf, np.nan
+    return frames_under_way
 
 
 @inlined
@@ -88,13 +88,13 @@ def frames(
         Shape (n_channels, n_frames, VALUES): gets the frames that are completed.
     """
     for c in range(len(peak)):
-        f, own, index = open_frame[c], filled, 0
+        f, count, index = open_frame[c], filled, 0
         for i in range(peak.shape[1]):
             add_column(f, peak[c, i], power[c, i], high[c, i], low[c, i])
-            own += 1
-            if own == length:
+            count += 1
+            if count == length:
                 close_frame(f, length, values, c, index)
-                own, index = 0, index + 1
+                count, index = 0, index + 1
 
 
 @compiled(numba.void(FRAMES, numba.i8, numba.f8[:, :, ::1]))
@@ -105,9 +105,9 @@ def close_frames(open_frame: NDArray[np.void], filled: int, values: Array) -> No
 
 
 @inlined
-def _least(past: Array, place: int, value: float, least: float) -> float:
+def _least(past: Array, index: int, value: float, least: float) -> float:
     """Put a value in the place of the oldest; return the least of all, which was ``least``."""
-    oldest, past[place] = past[place], value
+    oldest, past[index] = past[index], value
     if value <= least or oldest > least:
         return min(value, least)
     for x in past:
@@ -145,11 +145,11 @@ def trace_values(
     """
     for c in range(len(decision)):
         for i in range(decision.shape[1]):
-            place = (before + i) % past.shape[2]
+            index = (before + i) % past.shape[2]
             for k in range(2):  # dead stretches say nothing about the noise
                 x = signal[c, i, 1 + k]
-                own = x if x > 0.0 else math.inf
-                least[k, c] = _least(past[k, c], place, own, least[k, c])
+                level = x if x > 0.0 else math.inf
+                least[k, c] = _least(past[k, c], index, level, least[k, c])
             values[i, c, 0], values[i, c, 1] = decision[c, i], signal[c, i, 0]
             values[i, c, 2] = least[0, c] if least[0, c] < math.inf else 0.0
             values[i, c, 3] = signal[c, i, 2]

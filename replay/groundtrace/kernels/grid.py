@@ -110,31 +110,31 @@ def grid_points(
     channels, n = values.shape
     taps, count = 2 * reach + 1, end - start
     low, recorded = np.empty((channels, count)), np.empty((channels, count))
-    own, past = np.empty(count, np.int64), np.empty(count)
+    samples, past = np.empty(count, np.int64), np.empty(count)
     padded = -(-taps // _SUMS) * _SUMS
-    known, kept = np.full(_PHASES, -1.0), np.zeros((_PHASES, padded))
+    phases, weights = np.full(_PHASES, -1.0), np.zeros((_PHASES, padded))
     # nothing stands before the run and after its end
     lines, sums = np.zeros((channels, n + padded + reach + _SUMS)), np.empty(_SUMS)
     for c in range(channels):
         for i in range(n):
             lines[c, reach + i] = values[c, i]
     for m in range(count):
-        place = (start + m) * step
-        base = math.floor(place + 1e-9)
-        past[m] = place - base
-        weight, phase = kept[(start + m) % _PHASES], (start + m) % _PHASES
-        if known[phase] != past[m]:
-            known[phase] = past[m]
+        position = (start + m) * step
+        base = math.floor(position + 1e-9)
+        past[m] = position - base
+        weight, phase = weights[(start + m) % _PHASES], (start + m) % _PHASES
+        if phases[phase] != past[m]:
+            phases[phase] = past[m]
             weights_at(past[m], reach, rate_hz, at_s, table, weight)
         at = base - first
         total = _sum(weight, max(0, reach - at), min(taps, n + reach - at))
-        own[m] = min(at, n - 1)
-        after = min(own[m] + 1, n - 1)
+        samples[m] = min(at, n - 1)
+        after = min(samples[m] + 1, n - 1)
         for c in range(channels):
             low[c, m] = _product_sum(lines[c], at, weight, sums) / total
-            x, y = values[c, own[m]], values[c, after]
+            x, y = values[c, samples[m]], values[c, after]
             recorded[c, m] = x * (1 - past[m]) + y * past[m]
-    return low, recorded, own, past
+    return low, recorded, samples, past
 
 
 @inlined
@@ -152,13 +152,13 @@ def neighbour_sums(x: Array, weights: Array, sums: Array) -> None:
     """
     taps, n = len(weights), len(sums)
     sums[:] = 0.0
-    whole = taps - taps % _PRODUCTS
-    for k in range(0, whole, _PRODUCTS):
+    grouped = taps - taps % _PRODUCTS
+    for k in range(0, grouped, _PRODUCTS):
         a, b, c, d = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
         part = x[k : k + n + _PRODUCTS - 1]
         for i in range(n):
             sums[i] = sums[i] + a * part[i] + b * part[i + 1] + c * part[i + 2] + d * part[i + 3]
-    for k in range(whole, taps):
+    for k in range(grouped, taps):
         weight, part = weights[k], x[k : k + n]
         for i in range(n):
             sums[i] += weight * part[i]

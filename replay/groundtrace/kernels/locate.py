@@ -51,12 +51,12 @@ def _summed(
 def _fitted(sums: Array, slope: float, line: Array) -> None:
     """Put the best slope, at least 0, and moment of each node in ``line``, of those sums."""
     for j in range(sums.shape[1]):
-        whole = sums[0, j]
-        u_mean, t_mean = sums[1, j] / whole, sums[2, j] / whole
+        weight = sums[0, j]
+        u_mean, t_mean = sums[1, j] / weight, sums[2, j] / weight
         k = slope
         if np.isnan(slope):
-            square = sums[3, j] - whole * (u_mean * u_mean)
-            along = sums[4, j] - whole * u_mean * t_mean
+            square = sums[3, j] - weight * (u_mean * u_mean)
+            along = sums[4, j] - weight * u_mean * t_mean
             k = along / (square if square > TINY else TINY)
             k = k if k > 0.0 else 0.0
         line[0, j] = k
@@ -179,19 +179,19 @@ def student_logs(
                     tails[j] *= 1.0 + off * off / spread[i, j]
                     weights[j] *= spread[i, j] / freedom
             for j in range(count):
-                told = (freedom + 1.0) * np.log(tails[j]) + np.log(weights[j])
-                logs[law, start + j] = -told / 2.0
+                deviance = (freedom + 1.0) * np.log(tails[j]) + np.log(weights[j])
+                logs[law, start + j] = -deviance / 2.0
 
 
 @compiled("void(c16[:, ::1], f8[:, :, ::1], i8[::1], f8[:, ::1])")
-def steered(cross: Spectra, turned: Array, delay: Index, around: Array) -> None:
+def steered(cross: Spectra, phasors: Array, delay: Index, around: Array) -> None:
     """Sum cross spectra in phase at the delays about one of each pair.
 
     Parameters
     ----------
     cross
         Shape (n_pairs, n_frequencies).
-    turned
+    phasors
         Shape (k, 2, n_frequencies): cosine and sine of the phases at delays of 0 steps, 1 and on.
     delay
         Shape (n_pairs,), in steps: at most k - 2, and from its negative on.
@@ -201,7 +201,7 @@ def steered(cross: Spectra, turned: Array, delay: Index, around: Array) -> None:
     for pair in range(len(cross)):
         for part in range(3):
             at = delay[pair] + part - 1
-            cosine, sine = turned[abs(at), 0], turned[abs(at), 1]
+            cosine, sine = phasors[abs(at), 0], phasors[abs(at), 1]
             same, opposite = 0.0, 0.0
             for i in range(cross.shape[1]):
                 same += cross[pair, i].real * cosine[i]
@@ -248,12 +248,12 @@ def agreed(weight: Array, late: Array, misfit_s: float, passes: int, arrivals: A
         # the normal equations of all pairs; their one freedom is taken by a mean of 0
         even = share.sum() / (n * (n - 1))
         for i in range(n):
-            whole, right = 0.0, 0.0
+            total, right = 0.0, 0.0
             for j in range(n):
                 normal[i, j] = even - share[i, j]
-                whole += share[i, j]
+                total += share[i, j]
                 right += share[i, j] * late[i, j]
-            normal[i, i] += whole
+            normal[i, i] += total
             arrivals[i] = right
         _solved(normal, arrivals)
         for i in range(n):

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 @inlined
-def _larger(one: Array, other: Array, found: Array) -> None:
-    for i in range(len(found)):
+def _larger(one: Array, other: Array, out: Array) -> None:
+    for i in range(len(out)):
         first, second = one[i], other[i]
-        found[i] = first if first >= second or first != first else second
+        out[i] = first if first >= second or first != first else second
 
 
 @compiled("f8[:, ::1](f8[:, ::1], i8)")
@@ -29,7 +29,7 @@ def window_maxima(line: Array, width: int) -> Array:
     counts twice without harm. A window with a number that is none has none.
     """
     rows, n = line.shape
-    found = np.empty((rows, n - width + 1))
+    maxima = np.empty((rows, n - width + 1))
     room, more = np.empty(n), np.empty(n)
     for r in range(rows):
         some, reach = line[r], 1
@@ -37,5 +37,5 @@ def window_maxima(line: Array, width: int) -> Array:
             _larger(some, some[reach:], more[: n - 2 * reach + 1])
             some, room, more = more, more, room
             reach *= 2
-        _larger(some, some[width - reach :], found[r])
-    return found
+        _larger(some, some[width - reach :], maxima[r])
+    return maxima

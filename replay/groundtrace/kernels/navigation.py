@@ -130,7 +130,13 @@ _PAIR = UniTuple(int64, 2)
 
 @compiled(void(_SAMPLES, _PLATEAUS, float64, int64, float64, _SAMPLES, _VALUES))
 def plateaus(
-    rate: Array, state: Any, within: float, shortest: int, corner: float, missed: Array, held: Array
+    rate: Array,
+    state: Any,
+    within: float,
+    shortest: int,
+    corner: float,
+    missed: Array,
+    samples: Array,
 ) -> None:
     """Find where a gyroscope was held at its limit, and about how much of a turn it missed.
 
@@ -150,11 +156,11 @@ def plateaus(
         Samples of a plateau, at least.
     corner
         Its steps in those of a smooth top that stays near its extreme for as long, at least.
-    missed, held
+    missed, samples
         Take, at the sample after each plateau, its missed turn over the time between samples,
         shape (n, 3) [rad/s], and its samples, shape (n,); 0 elsewhere.
     """
-    missed[:], held[:] = 0.0, 0.0
+    missed[:], samples[:] = 0.0, 0.0
     for i in range(len(rate)):
         for k in range(3):
             before = state.last[k] if state.began else rate[i, k]
@@ -179,7 +185,7 @@ def plateaus(
                 ):
                     more = count * count / 3.0 * entered * left / (entered + left)
                     missed[i, k] += sign * more
-                    held[i] = max(held[i], float(count))
+                    samples[i] = max(samples[i], float(count))
                 state.count[k, side] = 0
             state.last[k] = rate[i, k]
         state.began = 1
@@ -328,11 +334,11 @@ def add_error(pose: Array, error: Array) -> None:
 def pose_error(pose: Array, other: Array, out: Array) -> None:
     """Put the error state that moves the ``other`` pose to a pose in ``out``, shape (15,)."""
     w, x, y, z = quaternion(other)
-    turned = quaternion_product(quaternion(pose), (w, -x, -y, -z))
+    rotation = quaternion_product(quaternion(pose), (w, -x, -y, -z))
     # small turns: twice the vector part, of the quaternion whose scalar part is positive
-    sign = math.copysign(2.0, turned[0])
+    sign = math.copysign(2.0, rotation[0])
     for k in range(3):
-        out[k] = sign * turned[k + 1]
+        out[k] = sign * rotation[k + 1]
     for k in range(3, SIZE):
         out[k] = pose[k + 1] - other[k + 1]
 
@@ -509,7 +515,7 @@ def navigate(
         lost = state.swung_s >= p.lost_s  # no swing is so long
         if lost:
             doubt(state, p.lost_mps)
-        due = time_ns[at] - state.pointed_ns >= p.point_ns
+        is_point = time_ns[at] - state.pointed_ns >= p.point_ns
         knot = knots[count]
         for k in range(POSE):
             knot.predicted[k] = state.pose[k]
@@ -519,18 +525,18 @@ def navigate(
         elif lost:
             speed_update(state, p.lost_mps)
             state.swung_s = 0.0
-        if due or ((still or lost) and p.keep_all):
-            knot.time_ns, knot.shown = time_ns[at], 1 if due else 0
+        if is_point or ((still or lost) and p.keep_all):
+            knot.time_ns, knot.shown = time_ns[at], 1 if is_point else 0
             for k in range(POSE):
                 knot.pose[k] = state.pose[k]
             copy_matrix(state.covariance, knot.covariance)
             copy_matrix(state.transition, knot.transition)
             count += 1
-        if due or still or lost:
+        if is_point or still or lost:
             state.transition[:] = 0.0
             for k in range(SIZE):
                 state.transition[k, k] = 1.0
-        if due:
+        if is_point:
             state.pointed_ns = time_ns[at]
         at += 1
     return at, count

@@ -60,11 +60,11 @@ def _cells(kind: np.dtype[Any]) -> Any:
 
 def sections_of(sos: Array) -> NDArray[np.void]:
     """Return second-order sections as scipy has them, shape (n, 6), as an array of SECTION."""
-    found = np.zeros(SECTIONS, SECTION)
-    found["b0"] = 1.0
+    filter_sections = np.zeros(SECTIONS, SECTION)
+    filter_sections["b0"] = 1.0
     for name, column in zip(SECTION.names or (), (0, 1, 2, 4, 5), strict=True):
-        found[name][: len(sos)] = sos[:, column]
-    return found
+        filter_sections[name][: len(sos)] = sos[:, column]
+    return filter_sections
 
 
 def channels_of(scales: Array, memory: Array) -> NDArray[np.void]:
@@ -78,13 +78,13 @@ def channels_of(scales: Array, memory: Array) -> NDArray[np.void]:
         Shape (2 * SECTIONS, n_channels): of the filter.
     """
     count = len(scales)
-    found = np.zeros(-(-count // LANES), CHANNELS)
-    padded = np.zeros((1 + len(memory), len(found) * LANES))
+    records = np.zeros(-(-count // LANES), CHANNELS)
+    padded = np.zeros((1 + len(memory), len(records) * LANES))
     padded[0, :count], padded[1:, :count] = scales, memory
     for name, values in zip(("scale", "p1", "p2", "q1", "q2"), padded, strict=True):
-        found[name] = values.reshape(-1, LANES)
-    found["most"], found["high"], found["low"] = -np.inf, -np.inf, np.inf
-    return found
+        records[name] = values.reshape(-1, LANES)
+    records["most"], records["high"], records["low"] = -np.inf, -np.inf, np.inf
+    return records
 
 
 @inlined
@@ -182,7 +182,7 @@ def variance_cells(
         Shape (n_channels, n_frames, VALUES): gets the frames that are completed.
     """
     for group in range(len(channels)):
-        c, first, own, index = channels[group], group * LANES, filled, 0
+        c, first, in_cell, index = channels[group], group * LANES, filled, 0
         column, frame = columns, 0
         count = min(LANES, samples.shape[1] - first)
         for begin in range(0, len(samples), TILE):
@@ -192,14 +192,14 @@ def variance_cells(
                 for j in range(LANES):  # a lane without a channel of its own takes the last one's
                     c.tile[i, j] = given[i, min(j, count - 1)]
             while start < size:
-                stop = min(size, start + length - own)
+                stop = min(size, start + length - in_cell)
                 _filter(c, start, stop, sections, alpha)
-                own += stop - start
+                in_cell += stop - start
                 start = stop
-                if own < length:
+                if in_cell < length:
                     break
                 _close(c, first, count, length, levels, index, open_frame)
-                own, index, column = 0, index + 1, column + 1
+                in_cell, index, column = 0, index + 1, column + 1
                 if column == frame_length:
                     for j in range(first, first + count):
                         close_frame(open_frame[j], frame_length, frames, j, frame)
@@ -258,10 +258,10 @@ def ratio_to_noise(level: Array, noise: Array, trust: Array, silence: float, rat
 
 
 @inlined
-def _is_maximum(line: Array, place: int, reach: int) -> bool:
-    value = line[place]
+def _is_maximum(line: Array, index: int, reach: int) -> bool:
+    value = line[index]
     for i in range(1, reach + 1):  # noqa: SIM110 - compiled as it stands
-        if not (line[place - i] < value and line[place + i] <= value):
+        if not (line[index - i] < value and line[index + i] <= value):
             return False
     return True
 
@@ -282,16 +282,16 @@ def local_maxima(
         As :class:`~.dsp.noise.LocalMaxima` takes them.
     """
     rows, count = len(line), 0
-    found = np.empty((3, rows * ((stop - start) // (reach + 1) + 1)), np.int64)
+    maxima = np.empty((3, rows * ((stop - start) // (reach + 1) + 1)), np.int64)
     for i in range(start, stop):
         for r in range(rows):
             if line[r, i] > floor and _is_maximum(line[r], i, reach):
                 begin = i
                 while begin > i - back and line[r, begin - 1] > floor:
                     begin -= 1
-                found[0, count], found[1, count], found[2, count] = begin, i, r
+                maxima[0, count], maxima[1, count], maxima[2, count] = begin, i, r
                 count += 1
-    return found[:, :count]
+    return maxima[:, :count]
 
 
 #: Samples at both ends of the window where a variance means nothing. Chosen by judgement: of one or
@@ -327,7 +327,7 @@ def _least(room: Array) -> float:
 
 
 @compiled("UniTuple(i8, 2)(f8[::1], f8, f8[:, ::1], f8[::1])")
-def criterion_of(window: Array, margin: float, room: Array, found: Array) -> tuple[int, int]:
+def criterion_of(window: Array, margin: float, room: Array, aic: Array) -> tuple[int, int]:
     """Write AIC(k) = k ln var(x[:k]) + (n - k) ln var(x[k:]) of a window for k = 1 ... n - 1.
 
     What is more than ``margin`` above the least may be known roughly only: still above it, but too
@@ -339,16 +339,16 @@ def criterion_of(window: Array, margin: float, room: Array, found: Array) -> tup
         Shape (n,), more than 2 * EDGE + 1.
     room
         Shape (3, at least n): written over.
-    found
+    aic
         Shape (at least n,): gets AIC(k) at k - 1.
 
     Returns
     -------
     start, stop
-        Outside of ``found[start:stop]`` it is more than ``margin`` above the least.
+        Outside of ``aic[start:stop]`` it is more than ``margin`` above the least.
     """
     last, first, total, square = len(window) - 1, window[0], 0.0, 0.0
-    before, after, spare, found = room[0, :last], room[1, :last], room[2, :last], found[:last]
+    before, after, spare, aic = room[0, :last], room[1, :last], room[2, :last], aic[:last]
     for i in range(last):
         x = window[i] - first  # an offset would take the digits of the variance
         total += x
@@ -370,13 +370,13 @@ def criterion_of(window: Array, margin: float, room: Array, found: Array) -> tup
         before[i] += least
         after[i] += least
         rough = (i + 1.0) * (bits_before[i] >> 32) + (last - i) * (bits_after[i] >> 32)
-        found[i] = spare[i] = rough * _LOG_UNIT - (last + 1) * _LOG_OFFSET
+        aic[i] = spare[i] = rough * _LOG_UNIT - (last + 1) * _LOG_OFFSET
     limit = _least(spare[EDGE : last - EDGE]) + (last + 1) * ROUGHNESS + margin
     start, stop = last, 0
     for i in range(last):
-        if found[i] <= limit:
+        if aic[i] <= limit:
             start, stop = min(start, i), i + 1
-            found[i] = (i + 1.0) * math.log(before[i]) + (last - i) * math.log(after[i])
+            aic[i] = (i + 1.0) * math.log(before[i]) + (last - i) * math.log(after[i])
     return start, stop
 
 
@@ -386,14 +386,14 @@ def _weighted(criterion: Array, start: int, stop: int, scale: float) -> tuple[fl
     least = criterion[start]
     for i in range(start, stop):
         least = min(criterion[i], least)
-    mass = place = 0.0
+    mass = moment = 0.0
     for i in range(start, stop):
         distance = (criterion[i] - least) * scale
         weight = math.exp(-distance) if distance < WEIGHTLESS else 0.0
         criterion[i] = weight
         mass += weight
-        place += weight * (i + 1)
-    onset, spread = place / mass, 0.0
+        moment += weight * (i + 1)
+    onset, spread = moment / mass, 0.0
     for i in range(start, stop):
         spread += criterion[i] * (i + 1 - onset) ** 2
     return onset, math.sqrt(spread / mass)

@@ -129,11 +129,14 @@ def azimuth_update(
     The room, shape (3, 6, 6), is written over.
     """
     off = (offset_rad - state[OFFSET] + math.pi) % (2.0 * math.pi) - math.pi
-    known, row, gain = covariance[OFFSET, OFFSET], room[0, 0], room[0, 1]
+    variance_before, row, gain = covariance[OFFSET, OFFSET], room[0, 0], room[0, 1]
     variance = sigma_rad**2 * max(repeats, 1.0)
-    variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + known)) ** 2
+    variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + variance_before)) ** 2
     for i in range(SIZE):
-        row[i], gain[i] = covariance[OFFSET, i], covariance[i, OFFSET] / (known + variance)
+        row[i], gain[i] = (
+            covariance[OFFSET, i],
+            covariance[i, OFFSET] / (variance_before + variance),
+        )
     for i in range(SIZE):
         state[i] += gain[i] * off
         for k in range(SIZE):

@@ -112,12 +112,12 @@ def best_period(
 
 
 @inlined
-def between(values: Array, place: float) -> float:
+def between(values: Array, position: float) -> float:
     """Return the value at a place, on the straight line between its neighbours."""
-    low = int(place)
+    low = int(position)
     if low >= len(values) - 1:
         return float(values[len(values) - 1])
-    return float((values[low + 1] - values[low]) * (place - low) + values[low])
+    return float((values[low + 1] - values[low]) * (position - low) + values[low])
 
 
 @compiled("f8[:, ::1](f8[::1], i8, i8, i8, UniTuple(i8, 2), f8, f8, f8)")
@@ -174,12 +174,12 @@ def rhythms(
 
 
 @compiled("f8[:, ::1](f8[:, ::1], i8, UniTuple(i8, 2), i8, i8)")
-def strongest(found: Array, first: int, hops: tuple[int, int], ahead: int, width: int) -> Array:
+def strongest(windows: Array, first: int, hops: tuple[int, int], ahead: int, width: int) -> Array:
     """Return the best window of each hop ``[start, end)``, shape (3, n); -inf where there is none.
 
     Parameters
     ----------
-    found
+    windows
         Of the windows from ``first`` on, the strength first, shape (3, m).
     ahead, width
         How far ahead of a hop a window may reach, and how long it is [hops].
@@ -187,11 +187,11 @@ def strongest(found: Array, first: int, hops: tuple[int, int], ahead: int, width
     start, end = hops
     out = np.full((3, end - start), -np.inf)
     for hop in range(start, end):
-        last = min(hop, max(0, hop + ahead - width), first + found.shape[1] - 1)
+        last = min(hop, max(0, hop + ahead - width), first + windows.shape[1] - 1)
         for w in range(max(min(hop - 1 - width, last) - first, 0), last - first + 1):
-            if found[0, w] > out[0, hop - start]:
+            if windows[0, w] > out[0, hop - start]:
                 for k in range(3):  # a whole column at once takes numba seconds to compile
-                    out[k, hop - start] = found[k, w]
+                    out[k, hop - start] = windows[k, w]
     return out
 
 
@@ -240,9 +240,9 @@ def step_bands(
     for at in range(0, n, TOGETHER):
         count, first, most = min(TOGETHER, n - at), last, 0
         for i in range(count):
-            place = (start + at + i) / hop - lower
+            position = (start + at + i) / hop - lower
             for k in range(3):
-                out[2 + k, at + i] = between(hops[k], place)
+                out[2 + k, at + i] = between(hops[k], position)
             node = place_among(nodes, out[3, at + i])
             below[i] = min(int(node), last - 2)
             parts[i] = node - below[i]
@@ -329,8 +329,8 @@ def peaks(
     -------
     Place, height, swing, share, dominance, rhythm and step time, shape (n_peaks, 7).
     """
-    band, timed, rhythm, step_s, usual = points
-    found = np.empty((span[1] - span[0], 7))
+    band, timed, rhythm, step_s, typical = points
+    table = np.empty((span[1] - span[0], 7))
     count = 0
     for at in range(span[0], span[1]):
         i = at - first
@@ -345,14 +345,14 @@ def peaks(
             offset = risen(timed, i, near, round(reaches[1] * step * grid_hz), rise) - i
         last = max(last, at + offset)
         swing = band[i] - low
-        row = found[count]
+        row = table[count]
         row[0], row[1], row[2] = last, band[i], swing
-        row[3] = swing / usual[i] if usual[i] > 0 else 0.0
+        row[3] = swing / typical[i] if typical[i] > 0 else 0.0
         away = higher(band, i, int(reaches[2] * step * grid_hz))
         row[4] = min(reaches[2], away / grid_hz / step) if away else reaches[2]
         row[5], row[6] = rhythm[i], step
         count += 1
-    return found[:count].copy()
+    return table[:count].copy()
 
 
 @compiled(
@@ -391,8 +391,8 @@ def scaled_windows(
     count, m, last = span[1] - span[0], len(taps), points.shape[1] - 1
     out, scale = np.empty((count, 2 * m)), np.empty(count)
     for i in range(count):
-        place = (span[0] + i - 0.5 * (hop - 1)) / hop - first_hop
-        scale[i] = between(hops, max(place, 0.0))
+        position = (span[0] + i - 0.5 * (hop - 1)) / hop - first_hop
+        scale[i] = between(hops, max(position, 0.0))
         node = place_among(nodes, scale[i])
         low = min(int(node), len(nodes) - 2)
         part, stretch = node - low, math.exp(scale[i])
@@ -419,7 +419,7 @@ def tanh(x: float) -> float:
 
 @compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1], f8)")
 def scores(
-    seen: Array, hidden: Array, bias: Array, out: Array, usual: Array, offset: float
+    seen: Array, hidden: Array, bias: Array, out: Array, typical: Array, offset: float
 ) -> Array:
     """Return what a network of one hidden layer says of windows.
 
@@ -429,7 +429,7 @@ def scores(
         Shape (n, 2 taps): one signal, then the other.
     hidden, bias, out, offset
         Weights of the hidden layer, shape (2 taps, units) and (units,), and of the output.
-    usual
+    typical
         A usual window, shape (2 taps,).
 
     Returns
@@ -437,7 +437,7 @@ def scores(
     Logarithm of the odds, and how much of each signal's usual window there is, shape (3, n).
     """
     n, width, units = len(seen), seen.shape[1], len(bias)
-    found, sums, m = np.empty((3, n)), np.empty(units), width // 2
+    odds_and_shares, sums, m = np.empty((3, n)), np.empty(units), width // 2
     for i in range(n):
         for u in range(units):
             sums[u] = bias[u]
@@ -445,16 +445,16 @@ def scores(
             x, weights = seen[i, k], hidden[k]
             for u in range(units):
                 sums[u] += x * weights[u]
-        found[0, i] = offset
+        odds_and_shares[0, i] = offset
         for u in range(units):
-            found[0, i] += out[u] * tanh(sums[u])
+            odds_and_shares[0, i] += out[u] * tanh(sums[u])
         for c in range(2):
-            part, whole = 0.0, 1e-12
+            part, energy = 0.0, 1e-12
             for k in range(c * m, c * m + m):
-                part += seen[i, k] * usual[k]
-                whole += usual[k] * usual[k]
-            found[1 + c, i] = part / whole
-    return found
+                part += seen[i, k] * typical[k]
+                energy += typical[k] * typical[k]
+            odds_and_shares[1 + c, i] = part / energy
+    return odds_and_shares
 
 
 @compiled("f8[:, ::1](f8[:, ::1], i8, UniTuple(i8, 2), f8, f8, f8, UniTuple(f8, 2))")
@@ -487,7 +487,7 @@ def score_peaks(
     shape (n_peaks, 7).
     """
     odds, vertical, forward, step_s = points
-    found = np.empty((span[1] - span[0], 7))
+    table = np.empty((span[1] - span[0], 7))
     lowest, count = math.log(least / (1.0 - least)), 0
     for at in range(span[0], span[1]):
         i = at - first
@@ -502,11 +502,11 @@ def score_peaks(
                 part = 1.0 / (1.0 + math.exp(-odds[k]))
                 weight += part
                 square += part * ((k - i - offset) / grid_hz) ** 2
-        row = found[count]
+        row = table[count]
         row[0], row[1] = at + offset, 1.0 / (1.0 + math.exp(-odds[i]))
         row[2] = min(reach, away / grid_hz / step_s[i]) if away else reach
         row[3], row[4] = vertical[i], forward[i]
         wider = max(square / weight - widths[0] ** 2, 0.0)
         row[5], row[6] = math.sqrt(wider + widths[1] ** 2), step_s[i]
         count += 1
-    return found[:count].copy()
+    return table[:count].copy()

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 @compiled("void(f8[::1], i8, i8, f8, f8[::1])")
-def best_steps(score: Array, later: int, earlier: int, cost: float, found: Array) -> None:
+def best_steps(score: Array, later: int, earlier: int, cost: float, best_score: Array) -> None:
     """Write the best score of a step to each cell, from cells of the channel before.
 
     Parameters
     ----------
-    score, found
+    score, best_score
         Shape (n_cells,): of the channel before, and what becomes of it.
     later, earlier
         By how many cells the step may go on in time, and back.
@@ -30,4 +30,4 @@ def best_steps(score: Array, later: int, earlier: int, cost: float, found: Array
         best = score[t]
         for s in range(max(0, t - later), min(len(score), t + earlier + 1)):
             best = max(best, score[s] - cost * abs(t - s))
-        found[t] = best
+        best_score[t] = best

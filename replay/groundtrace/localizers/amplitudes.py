@@ -224,8 +224,8 @@ class JointPlaces:
         picks = int(np.isfinite(times_s).sum())
         if picks < LEAST_PICKS:
             return no_location(picks)
-        known = self.weights.above(GIVEN_UP)
-        self.weights.learn(*self._logs(times_s, heights, clipped, COARSE, known), known)
+        likely = self.weights.above(GIVEN_UP)
+        self.weights.learn(*self._logs(times_s, heights, clipped, COARSE, likely), likely)
         counted = self.weights.above(np.log(LEAST_WEIGHT))
         area = lattice(self.positions, self.outline, 1.0, FINE)
         by_time, by_height = (
@@ -257,8 +257,8 @@ class JointPlaces:
         """Return the log likelihoods by some floors at the nodes of a lattice."""
         p = self.parameters
         distance = np.maximum(lattice(self.positions, self.outline, 1.0, nodes).u, NEAREST_M)
-        heard, high = np.isfinite(times_s), np.isfinite(heights)
-        times, u = times_s[heard] - times_s[heard].min(), distance[heard] ** p.exponent
+        arrived, high = np.isfinite(times_s), np.isfinite(heights)
+        times, u = times_s[arrived] - times_s[arrived].min(), distance[arrived] ** p.exponent
         by_time = time_logs(times, u, BY_TIME[floors[0]])
         if high.sum() < LEAST_PICKS:
             return by_time, np.zeros((len(floors[1]), distance.shape[1]))
@@ -267,22 +267,22 @@ class JointPlaces:
 
     def _learn_gains(self, share: Array, heights: Array, clipped: Flags, floor: int) -> None:
         """Take in what heights are off at a place, by the likeliest decay."""
-        told = np.isfinite(heights) & ~clipped
-        if told.sum() < LEAST_PICKS:
+        measured = np.isfinite(heights) & ~clipped
+        if measured.sum() < LEAST_PICKS:
             return
         decay, spread = BY_HEIGHT[floor]
         distance = np.maximum(lattice(self.positions, self.outline, 1.0, FINE).u, NEAREST_M)
         level = heights + decay * (np.log(distance) @ share)
-        off = level - np.median(level[told])
-        near = told & (np.abs(off) < 3 * spread + GAIN_DEVIATION)
+        off = level - np.median(level[measured])
+        near = measured & (np.abs(off) < 3 * spread + GAIN_DEVIATION)
         self._sums[0, near] += off[near]
         self._sums[1, near] += 1
         gains = self._sums[0] / (self._sums[1] + (spread / GAIN_DEVIATION) ** 2)
         self.gains = gains - gains.mean()
 
-    def _residual_s(self, place: Array, times_s: Array, floor: int) -> float:
+    def _residual_s(self, position: Array, times_s: Array, floor: int) -> float:
         """Return the median that arrivals are off at a place, by the likeliest pace [s]."""
-        distance = np.hypot(*(self.positions - place).T) ** self.parameters.exponent
+        distance = np.hypot(*(self.positions - position).T) ** self.parameters.exponent
         late = times_s - BY_TIME[floor, 0] * distance
         late = late[np.isfinite(late)]
         return float(np.median(np.abs(late - np.median(late))))
@@ -324,14 +324,14 @@ def peaks(window: Window, arrivals_s: Array, peak_s: float) -> tuple[Array, Flag
     """
     rate_hz, values = window.rate_hz, window.values
     heights, clipped = np.full(len(arrivals_s), np.nan), np.zeros(len(arrivals_s), np.bool_)
-    heard = np.isfinite(arrivals_s)
-    if not heard.any():
+    arrived = np.isfinite(arrivals_s)
+    if not arrived.any():
         return heights, clipped
-    quiet = values[: max(2, round((float(arrivals_s[heard].min()) - 8 * EARLY_S) * rate_hz))]
+    quiet = values[: max(2, round((float(arrivals_s[arrived].min()) - 8 * EARLY_S) * rate_hz))]
     still, noise = quiet.mean(axis=0), quiet.std(axis=0)
     steps = np.abs(np.diff(values, axis=0))
     unit = np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
-    for channel in np.flatnonzero(heard):
+    for channel in np.flatnonzero(arrived):
         start = max(0, round((arrivals_s[channel] - EARLY_S) * rate_hz))
         part = values[start : start + max(2, round((EARLY_S + peak_s) * rate_hz)), channel]
         if len(part) < 2:
@@ -396,12 +396,12 @@ class TimesAmplitudes(ArrayMethod):
 
     def examine(self, measured: StepPeaks) -> Candidates:
         """Return the place of a step."""
-        place = self._places.locate(measured.times_s, measured.heights, measured.clipped)
-        self._found = measured.step_ns, place
+        estimate = self._places.locate(measured.times_s, measured.heights, measured.clipped)
+        self._found = measured.step_ns, estimate
         return place_candidate(*self._found)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts."""
         if block.accepted[0]:
-            time_ns, place = self._found
-            yield place.fix(time_ns, "times-amplitudes", self._stage)
+            time_ns, estimate = self._found
+            yield estimate.fix(time_ns, "times-amplitudes", self._stage)

@@ -144,9 +144,9 @@ class ArrayMethod(Stage):
             return ()
         time_ns = item.time_ns
         if given is not None:
-            known = given.popleft()
-            assert known.time_ns == time_ns  # spans have the steps of the whole
-            measured = known.value
+            earlier = given.popleft()
+            assert earlier.time_ns == time_ns  # spans have the steps of the whole
+            measured = earlier.value
         else:
             start_ns, values = signal.window(time_ns)
             arrivals = signal.arrivals(time_ns, start_ns)
@@ -155,8 +155,8 @@ class ArrayMethod(Stage):
         if self._context.beforehand:
             made: Any = StepMeasure(time_ns, self._topic, self._stage, measured)
             return (made,)
-        found = self.examine(measured)
-        return (*self.remarks(time_ns), found)
+        candidates = self.examine(measured)
+        return (*self.remarks(time_ns), candidates)
 
 
 def takes_steps(quantities: frozenset[str]) -> tuple[Input, ...]:

@@ -111,11 +111,11 @@ def places(regions: Regions, times_s: Array) -> Array:
     """
     rows = max(1, CELLS // max(len(regions), 1))
     blocks = (times_s[i : i + rows] for i in range(0, len(times_s), rows))
-    found = [
+    by_block = [
         mean_of_nearest(regions, distances(regions, *measured_signs(regions, block)))
         for block in blocks
     ]
-    return np.concatenate([np.empty((0, 2)), *found])
+    return np.concatenate([np.empty((0, 2)), *by_block])
 
 
 def mean_of_nearest(regions: Regions, wrong: Array) -> Array:
@@ -271,8 +271,8 @@ def borders(regions: Regions, room: shapely.Polygon) -> list[Array]:
     reach = 2.0 + np.abs(lines[:, 2:])
     ends = np.stack([foot - reach * along, foot + reach * along], axis=1) * extent + origin
     inside = shapely.get_parts(shapely.intersection(shapely.linestrings(ends), room))
-    found = inside[shapely.length(inside) > TOLERANCE * extent]
-    return [shapely.get_coordinates(line) for line in found]
+    lines_inside = inside[shapely.length(inside) > TOLERANCE * extent]
+    return [shapely.get_coordinates(line) for line in lines_inside]
 
 
 def corners(regions: Regions, row: int) -> list[Array]:
@@ -293,14 +293,16 @@ def _lines(
     apart = length > TOLERANCE
     normal = across / np.where(apart, length, 1.0)[:, None]
     # one of the two directions: that of larger x, then of larger y
-    turned = (normal[:, 0] < -TOLERANCE) | ((abs(normal[:, 0]) <= TOLERANCE) & (normal[:, 1] < 0))
-    normal = np.where(turned[:, None], -normal, normal)
+    reversed_sense = (normal[:, 0] < -TOLERANCE) | (
+        (abs(normal[:, 0]) <= TOLERANCE) & (normal[:, 1] < 0)
+    )
+    normal = np.where(reversed_sense[:, None], -normal, normal)
     offset = np.sum(normal * (sensors[first] + sensors[second]) / 2, axis=1)
     every = np.column_stack([normal, offset])
-    alike = (np.abs(every[:, None] - every).max(axis=2, initial=0.0) <= TOLERANCE) & apart
-    leader = np.where(apart, alike.argmax(axis=1), -1) if len(every) else np.empty(0, np.intp)
-    kept = np.unique(leader[leader >= 0])
-    return every[kept], np.where(leader >= 0, np.searchsorted(kept, leader), -1)
+    equal = (np.abs(every[:, None] - every).max(axis=2, initial=0.0) <= TOLERANCE) & apart
+    leader = np.where(apart, equal.argmax(axis=1), -1) if len(every) else np.empty(0, np.intp)
+    distinct = np.unique(leader[leader >= 0])
+    return every[distinct], np.where(leader >= 0, np.searchsorted(distinct, leader), -1)
 
 
 def _arranged(hull: Array, lines: Array) -> list[Array]:
@@ -315,10 +317,10 @@ def _arranged(hull: Array, lines: Array) -> list[Array]:
         starts = np.cumsum(counts) - counts
         below = np.minimum.reduceat(height, starts) < 0
         above = np.maximum.reduceat(height, starts) > 0
-        whole = [parts[i] for i in np.flatnonzero(~(below & above))]
+        uncut = [parts[i] for i in np.flatnonzero(~(below & above))]
         for i in np.flatnonzero(below & above):
-            whole += _halves(parts[i], height[starts[i] : starts[i] + counts[i]])
-        parts = whole
+            uncut += _halves(parts[i], height[starts[i] : starts[i] + counts[i]])
+        parts = uncut
     return parts
 
 
@@ -367,14 +369,14 @@ def _neighbours(
         np.argwhere(value[i : i + ROWS] @ value.T == sides.shape[1] - 2) + np.array([i, 0])
         for i in range(0, len(value), ROWS)
     ]
-    found = np.concatenate([np.empty((0, 2), np.intp), *met])
-    found = found[found[:, 0] < found[:, 1]]
+    pairs = np.concatenate([np.empty((0, 2), np.intp), *met])
+    pairs = pairs[pairs[:, 0] < pairs[:, 1]]
     if not sides.shape[1] or room.area >= room.convex_hull.area * (1 - TOLERANCE):
-        return found if sides.shape[1] else np.empty((0, 2), np.intp)
+        return pairs if sides.shape[1] else np.empty((0, 2), np.intp)
     reach = 1e-6 * extent
-    common = shapely.intersection(shapely.buffer(shapes[found[:, 0]], reach), shapes[found[:, 1]])
+    common = shapely.intersection(shapely.buffer(shapes[pairs[:, 0]], reach), shapes[pairs[:, 1]])
     # an edge leaves its length times the reach, a corner only a square of the reach
-    edged: NDArray[np.intp] = found[shapely.area(common) > 10 * reach**2]
+    edged: NDArray[np.intp] = pairs[shapely.area(common) > 10 * reach**2]
     return edged
 
 

@@ -98,13 +98,13 @@ class RunningSigma:
         """The estimate by now [s]."""
         return median([*self.told, *[self.prior_s] * PRIOR_COUNT])
 
-    def learn(self, found: LocationEstimate) -> None:
+    def learn(self, estimate: LocationEstimate) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
-        spare = found.picks - self.unknowns
-        if not found.found or spare < 1:
+        spare = estimate.picks - self.unknowns
+        if not estimate.found or spare < 1:
             return
         typical = (chi_square_quantile(spare, 0.0) / spare) ** 0.5
-        self.told.append(found.residual * (found.picks / spare) ** 0.5 / typical)
+        self.told.append(estimate.residual * (estimate.picks / spare) ** 0.5 / typical)
 
 
 #: A model may be wrong by this part of how far arrivals are apart. Chosen by judgement: as much as
@@ -128,13 +128,15 @@ class ModelCheck:
     unknowns: int
     residuals: ChiSquareCheck = field(default_factory=ChiSquareCheck)
 
-    def learn(self, found: LocationEstimate, times_s: Array) -> None:
+    def learn(self, estimate: LocationEstimate, times_s: Array) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
-        spare = found.picks - self.unknowns
-        if not found.found or spare < 1:
+        spare = estimate.picks - self.unknowns
+        if not estimate.found or spare < 1:
             return
         scatter = float(times_s[np.isfinite(times_s)].std())
-        square = found.picks * found.residual**2 / (self.sigma_s**2 + (MODEL_ERROR * scatter) ** 2)
+        square = (
+            estimate.picks * estimate.residual**2 / (self.sigma_s**2 + (MODEL_ERROR * scatter) ** 2)
+        )
         self.residuals.learn(square, spare)
 
 
@@ -317,15 +319,15 @@ class ArrivalLocalizer(Stage):
             return ("all",)
         geometry = context.geometry
         self._channels, positions = geometry.placed(context.source.channels)
-        lacking = "places of three or more sensors"
+        missing = "places of three or more sensors"
         if len(np.unique(positions, axis=0)) >= LEAST_PICKS:
             outline = np.array(geometry.outline, np.float64)
             room = outline if len(outline) else None
-            lacking = self.begin(
+            missing = self.begin(
                 PlacedSensors(positions, room, geometry.medium, geometry.length_unit)
             )
-        if lacking:
-            raise CannotStart(f"no places: expected a geometry with {lacking}, found none")
+        if missing:
+            raise CannotStart(f"no places: expected a geometry with {missing}, found none")
         self._check = self.model_check()
         self._offsets_s = geometry.clock_offsets(self._channels)
         self._context = context
@@ -375,10 +377,10 @@ class ArrivalLocalizer(Stage):
         count = self.parameters.nearest
         if not count:
             return self.locate(arrivals)
-        found = self.locate(self._around(time_ns, arrivals, count))
-        if found.found and self._passes(found):
-            self._before = time_ns, np.array([found.x, found.y])
-        return found
+        estimate = self.locate(self._around(time_ns, arrivals, count))
+        if estimate.found and self._passes(estimate):
+            self._before = time_ns, np.array([estimate.x, estimate.y])
+        return estimate
 
     def _around(self, time_ns: int, arrivals: Array, count: int) -> Array:
         """Return the arrivals of so many sensors nearest to the place before, the others NaN."""
@@ -387,13 +389,13 @@ class ArrivalLocalizer(Stage):
         distance = np.hypot(*(self._positions - self._before[1]).T)
         distance[np.isnan(arrivals)] = np.inf
         near = np.argsort(distance, kind="stable")[:count]
-        found = np.full_like(arrivals, np.nan)
-        found[near] = arrivals[near]
-        return found
+        nearest = np.full_like(arrivals, np.nan)
+        nearest[near] = arrivals[near]
+        return nearest
 
-    def _passes(self, found: LocationEstimate) -> bool:
+    def _passes(self, estimate: LocationEstimate) -> bool:
         """Whether a place passes the gates, on which the next one may then rely."""
-        value = place_candidate(0, found).value[0]
+        value = place_candidate(0, estimate).value[0]
         values = dict(zip((column.name for column in self.columns), value, strict=True))
         return all(
             (1 if gate.at_least else -1) * (values[gate.name] - gate.threshold) >= 0
@@ -421,8 +423,8 @@ class ArrivalLocalizer(Stage):
 
     def _never_passed(self, time_ns: int) -> Iterator[Note]:
         """Say with the first step that more arrivals are asked for than there are sensors."""
-        context, told, self._told = self._context, self._told, True
-        if context is None or told:
+        context, reported, self._told = self._context, self._told, True
+        if context is None or reported:
             return
         most, why = len(self._channels), "the picked channels that have a place"
         if 0 < self.parameters.nearest < most:

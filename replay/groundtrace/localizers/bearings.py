@@ -83,8 +83,8 @@ def stations(stream: Stream, geometry: Geometry) -> tuple[Station, ...]:
     """Return the places where sensors of all three axes stand, in the geometry's order."""
     column = {c.name: i for i, c in enumerate(stream.channels)}
     return tuple(
-        Station(name, (column[axes["x"]], column[axes["y"]], column[axes["z"]]), place)
-        for name, (axes, place) in _triples(geometry).items()
+        Station(name, (column[axes["x"]], column[axes["y"]], column[axes["z"]]), position)
+        for name, (axes, position) in _triples(geometry).items()
         if all(axes[axis] in column for axis in AXES)
     )
 
@@ -154,11 +154,11 @@ class Bearings(ArrayMethod):
             signal = signal[: max(round(p.length_s * window.rate_hz), 2 * PARTS)]
             if len(signal) < 2 * PARTS or not np.ptp(signal, axis=0).all():
                 continue
-            found = polarization(signal, p.method)
-            azimuth = found.azimuth_rad + (np.pi if p.motion == "prograde" else 0.0)
+            motion = polarization(signal, p.method)
+            azimuth = motion.azimuth_rad + (np.pi if p.motion == "prograde" else 0.0)
             azimuth = float(np.angle(np.exp(1j * azimuth)))
             unknown = float(p.motion == "unknown")
-            rows.append([found.degree, found.sigma_rad, azimuth, found.ellipticity, unknown])
+            rows.append([motion.degree, motion.sigma_rad, azimuth, motion.ellipticity, unknown])
             channels.append(index)
         count = len(rows)
         return Candidates(
@@ -170,8 +170,8 @@ class Bearings(ArrayMethod):
     def _from(self, window: Window, station: Station) -> int:
         """Return the sample of a station's first arrival; of the step's where it has none."""
         arrivals = window.arrivals_s[list(station.columns)]
-        known = arrivals[np.isfinite(arrivals)]
-        first_s = known.min() if len(known) else self.parameters.before_s
+        finite = arrivals[np.isfinite(arrivals)]
+        first_s = finite.min() if len(finite) else self.parameters.before_s
         return max(0, int(first_s * window.rate_hz))
 
 
@@ -232,17 +232,17 @@ def polarization(values: NDArray[np.float64], method: Method = "covariance") -> 
     signal = analytic(values)
     # motion of axis i with axis j is part.T @ conj(part); the parts add up to the whole
     parts = np.array([p.T @ p.conj() for p in np.array_split(signal, PARTS)])
-    whole = parts.sum(axis=0)
-    azimuth, radial = _direction(whole, method)
-    others = np.array([_direction(whole - part, method)[0] for part in parts])
+    total = parts.sum(axis=0)
+    azimuth, radial = _direction(total, method)
+    others = np.array([_direction(total - part, method)[0] for part in parts])
     turns = np.angle(np.exp(1j * (others - azimuth)))
     sigma = float(np.sqrt((PARTS - 1) / PARTS * np.sum(turns**2)))
-    trace = float(np.trace(whole).real)
+    trace = float(np.trace(total).real)
     if trace <= 0:
         return Polarization(0.0, np.pi, 0.0, 0.0)
-    squares = float(np.trace(whole @ whole).real)
+    squares = float(np.trace(total @ total).real)
     degree = float(np.sqrt(max((3 * squares / trace**2 - 1) / 2, 0.0)))
-    vertical = float(np.sqrt(whole[2, 2].real))
+    vertical = float(np.sqrt(total[2, 2].real))
     return Polarization(azimuth, sigma, degree, radial / vertical if vertical > 0 else np.inf)
 
 
@@ -303,46 +303,46 @@ def intersect(
     miss each other by more than these, and as residual the root mean square of what the bearings
     are off [rad]. Nowhere with fewer than two bearings, or parallel.
     """
-    known = np.isfinite(azimuths_rad)
-    count = int(known.sum())
+    valid = np.isfinite(azimuths_rad)
+    count = int(valid.sum())
     if count < 2:
         return no_location(count)
-    stations, azimuths = positions[known], azimuths_rad[known]
-    sigmas = np.maximum(sigmas_rad[known], 1e-3)
+    stations, azimuths = positions[valid], azimuths_rad[valid]
+    sigmas = np.maximum(sigmas_rad[valid], 1e-3)
     normals = np.stack([-np.sin(azimuths), np.cos(azimuths)], axis=1)
     offsets = np.sum(normals * stations, axis=1)
     if np.linalg.cond(normals.T @ normals) > MAX_CONDITION:
         return no_location(count)
-    place = np.linalg.lstsq(normals, offsets, rcond=None)[0]
+    position = np.linalg.lstsq(normals, offsets, rcond=None)[0]
     for _ in range(PASSES):
-        errors = np.ones(count) if weights == "none" else _across(sigmas, stations, place)
+        errors = np.ones(count) if weights == "none" else _across(sigmas, stations, position)
         weight = 1 / errors**2
         if norm == "l1":
-            weight /= np.maximum(np.abs(normals @ place - offsets) / errors, 1e-6)
+            weight /= np.maximum(np.abs(normals @ position - offsets) / errors, 1e-6)
         information = normals.T @ (normals * weight[:, None])
         moved = np.linalg.solve(information, normals.T @ (weight * offsets))
-        if np.hypot(*(moved - place)) < LEAST_M:
+        if np.hypot(*(moved - position)) < LEAST_M:
             break
-        place = moved
-    errors = _across(sigmas, stations, place)
+        position = moved
+    errors = _across(sigmas, stations, position)
     if weights == "errors":  # the least that lines with such errors allow, whatever the norm
         weight = 1 / errors**2
         information = normals.T @ (normals * weight[:, None])
     gain = np.asarray(np.linalg.solve(information, normals.T * weight))
-    return _located(place, stations, normals, errors, gain)
+    return _located(position, stations, normals, errors, gain)
 
 
-def _across(sigmas: Array, stations: Array, place: Array) -> Array:
+def _across(sigmas: Array, stations: Array, position: Array) -> Array:
     """Return the errors of the distances of lines from a place, shape (n,) [m]."""
-    errors: Array = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
+    errors: Array = sigmas * np.maximum(np.hypot(*(stations - position).T), LEAST_M)
     return errors
 
 
 def _located(
-    place: Array, stations: Array, normals: Array, errors: Array, gain: Array
+    position: Array, stations: Array, normals: Array, errors: Array, gain: Array
 ) -> LocationEstimate:
     """Return a place whose lines have such errors across, which the gain takes to the place."""
-    away = place - stations
+    away = position - stations
     covariance = (gain * errors**2) @ gain.T
     left = np.eye(len(stations)) - normals @ gain
     expected = float(np.sum((left * errors) ** 2 / errors[:, None] ** 2))
@@ -352,7 +352,9 @@ def _located(
     along = np.abs(away[:, 0] * normals[:, 1] - away[:, 1] * normals[:, 0])
     off = np.arctan2(np.abs(across), along)
     residual = float(np.sqrt(np.mean(off**2)))
-    return LocationEstimate(float(place[0]), float(place[1]), covariance, residual, len(stations))
+    return LocationEstimate(
+        float(position[0]), float(position[1]), covariance, residual, len(stations)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -410,14 +412,14 @@ class Crossing(Stage):
         if isinstance(item, Bearing):
             self._latest[item.station] = item
             return
-        own = [
+        bearings = [
             b
             for b in self._latest.values()
             if b.time_ns == item.time_ns and b.station in self._stations
         ]
-        places = np.array([self._stations[b.station] for b in own], np.float64).reshape(-1, 2)
-        azimuths = np.array([b.azimuth_rad for b in own], np.float64)
-        sigmas = np.array([b.sigma_rad for b in own], np.float64)
+        places = np.array([self._stations[b.station] for b in bearings], np.float64).reshape(-1, 2)
+        azimuths = np.array([b.azimuth_rad for b in bearings], np.float64)
+        sigmas = np.array([b.sigma_rad for b in bearings], np.float64)
         self._found = item.time_ns, self.locate(places, azimuths, sigmas)
         yield place_candidate(*self._found)
 

@@ -95,8 +95,8 @@ class LocalizerDisagreement(Stage):
                 rows.append((channel, one.time_ns, (*apart(one, other), *middle)))
         if not rows:
             return Candidates.empty(len(self.columns))
-        known = [row for row in rows if np.isfinite(row[2][1])] or rows
-        channel, time_ns, value = max(known, key=lambda row: row[2][1])
+        comparable = [row for row in rows if np.isfinite(row[2][1])] or rows
+        channel, time_ns, value = max(comparable, key=lambda row: row[2][1])
         count = sum(fix is not None for fix in fixes)
         return Candidates(
             np.array([time_ns], np.int64),

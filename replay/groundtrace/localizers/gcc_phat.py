@@ -154,9 +154,9 @@ class CorrelationOnlyLevel:
     ) -> Array:
         """Return the column; infinitely good where the candidate is an onset."""
         level = Level(self.name, self.unit, self.parameter, self.at_least)
-        found = level.values(candidates, columns, alive, threshold, carry)
+        value = level.values(candidates, columns, alive, threshold, carry)
         onset = candidates.value[:, ONSET] > 0
-        return np.where(onset, np.inf if self.at_least else -np.inf, found)
+        return np.where(onset, np.inf if self.at_least else -np.inf, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,18 +188,18 @@ def _nearest_s(
     """Return the time from each candidate to the nearest of its channel that stands [s], or inf."""
     order = np.lexsort((times, channel))
     sorted_times, sorted_channel, stands = times[order], channel[order], standing[order]
-    place, none = np.arange(len(order)), len(order)
-    before = np.maximum.accumulate(np.where(stands, place, -1))
-    after = np.minimum.accumulate(np.where(stands, place, none)[::-1])[::-1]
+    index, none = np.arange(len(order)), len(order)
+    before = np.maximum.accumulate(np.where(stands, index, -1))
+    after = np.minimum.accumulate(np.where(stands, index, none)[::-1])[::-1]
     nearest = np.full(len(order), np.inf)
     for other in (before, after):
-        held = np.clip(other, 0, none - 1)
-        there = (other == held) & (sorted_channel[held] == sorted_channel)
-        apart_s = np.abs(sorted_times[held] - sorted_times) / NS_PER_S
+        clipped = np.clip(other, 0, none - 1)
+        there = (other == clipped) & (sorted_channel[clipped] == sorted_channel)
+        apart_s = np.abs(sorted_times[clipped] - sorted_times) / NS_PER_S
         nearest = np.where(there, np.minimum(nearest, apart_s), nearest)
-    found = np.empty(len(order))
-    found[order] = nearest
-    return found
+    unsorted = np.empty(len(order))
+    unsorted[order] = nearest
+    return unsorted
 
 
 class GccPhat(ArrayMethod):
@@ -225,15 +225,15 @@ class GccPhat(ArrayMethod):
     def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Begin; at least three channels are needed for pairs to contradict each other."""
         names = tuple(c.name for c in stream.channels)
-        known = {s.channel: (s.x, s.y) for s in geometry.sensors}
+        positions = {s.channel: (s.x, s.y) for s in geometry.sensors}
         nowhere = (np.nan, np.nan)
-        places = np.array([known.get(name, nowhere) for name in names])
+        places = np.array([positions.get(name, nowhere) for name in names])
         apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
         longest_s = self.parameters.after_s
         self._farthest_s = np.fmin(apart / self.parameters.slowest_mps, longest_s)
         # of the axes at one place, the one that localizers take
         taken = geometry.placed(names)[0]
-        self._compared = np.array([name in taken or name not in known for name in names])
+        self._compared = np.array([name in taken or name not in positions for name in names])
         self._ahead_s = geometry.clock_offsets(names)
         self._bands: dict[float, Band] = {}
         p = self.parameters
@@ -246,14 +246,14 @@ class GccPhat(ArrayMethod):
         """Return a step's onsets, and its arrivals by each law that is to be tried."""
         noise = window.values[: self._quiet(window)]
         loud = _loudness(window.values[len(noise) :], noise)
-        heard = np.flatnonzero((loud > 0) & self._compared)
+        channels = np.flatnonzero((loud > 0) & self._compared)
         by_law = {}
-        if len(heard) >= 3 and np.isfinite(window.arrivals_s[heard]).any():
+        if len(channels) >= 3 and np.isfinite(window.arrivals_s[channels]).any():
             laws = list(self._closed) if beforehand else self._tried()
-            for found in self._consistent(window, noise, heard, laws):
-                by_law[found.power] = (
-                    found.misclosure_s,
-                    self._arrivals(window, found, heard, loud),
+            for arrived in self._consistent(window, noise, channels, laws):
+                by_law[arrived.power] = (
+                    arrived.misclosure_s,
+                    self._arrivals(window, arrived, channels, loud),
                 )
         return ArrivalsByLaw(self._onsets(window, loud), by_law)
 
@@ -269,8 +269,8 @@ class GccPhat(ArrayMethod):
             self._examined += 1
             self._open += misclosure_s > self.parameters.max_misclosure_s
             parts.append(arrivals)
-        found = Candidates.concatenate(parts)
-        return found.rows(np.lexsort((found.channel, found.time_ns)))
+        candidates = Candidates.concatenate(parts)
+        return candidates.rows(np.lexsort((candidates.channel, candidates.time_ns)))
 
     def _quiet(self, window: Window) -> int:
         picked = window.arrivals_s[np.isfinite(window.arrivals_s)]
@@ -286,30 +286,30 @@ class GccPhat(ArrayMethod):
         return self._candidates(window, channel, window.arrivals_s[channel], value)
 
     def _arrivals(
-        self, window: Window, arrived: PairArrivals, heard: NDArray[np.intp], loud: Array
+        self, window: Window, arrived: PairArrivals, channels: NDArray[np.intp], loud: Array
     ) -> Candidates:
         """Return the arrivals by correlation at the channels that heard something."""
         delays, pace, misfit = arrived.delays, arrived.pace, arrived.misfit_s
-        ahead_s = self._ahead_s[heard]
+        ahead_s = self._ahead_s[channels]
         relative = pace * arrived.relative_s
-        onsets = window.arrivals_s[heard]
+        onsets = window.arrivals_s[channels]
         late_s = onsets - relative
         origin = float(np.median(late_s[np.isfinite(late_s)]))
         first_s = (window.step_ns - window.start_ns) / NS_PER_S
         # a localizer takes what comes from the step's time on
         arrivals = max(origin, first_s - float((relative + ahead_s).min())) + relative
-        value = np.zeros((len(heard), len(COLUMNS)))
-        value[:, HEIGHT] = by_channel(delays, delays.height, len(heard)).mean(axis=1)
-        off_s = by_channel(delays, np.abs(misfit), len(heard))
+        value = np.zeros((len(channels), len(COLUMNS)))
+        value[:, HEIGHT] = by_channel(delays, delays.height, len(channels)).mean(axis=1)
+        off_s = by_channel(delays, np.abs(misfit), len(channels))
         value[:, CLOSURE] = pace * np.median(off_s, axis=1)
-        value[:, LOUDNESS], value[:, SHIFT] = loud[heard], arrivals - onsets
+        value[:, LOUDNESS], value[:, SHIFT] = loud[channels], arrivals - onsets
         value[:, MISCLOSURE], value[:, POWER] = arrived.misclosure_s, arrived.power
         finest_s = pace * 2 * np.pi / self._bands[arrived.power].turn[-1] / 20
-        value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(heard) - 1), finest_s)
-        return self._candidates(window, heard, arrivals, value)
+        value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(channels) - 1), finest_s)
+        return self._candidates(window, channels, arrivals, value)
 
     def _consistent(
-        self, window: Window, noise: Array, heard: NDArray[np.intp], laws: Sequence[float]
+        self, window: Window, noise: Array, channels: NDArray[np.intp], laws: Sequence[float]
     ) -> Iterator[PairArrivals]:
         """Yield the arrivals that pairs agree on, by each of some laws."""
         rate_hz, p = window.rate_hz, self.parameters
@@ -319,17 +319,17 @@ class GccPhat(ArrayMethod):
                 band = Band.of(len(window.values), rate_hz, p.low_hz, high_hz, power)
                 self._bands[power] = band
         first = next(iter(self._bands.values()))
-        white = first.whitened(window.values[:, heard], noise[:, heard], rate_hz)
+        white = first.whitened(window.values[:, channels], noise[:, channels], rate_hz)
         # the part of a sample that the window could not move a channel by
-        ahead_s = self._ahead_s[heard]
+        ahead_s = self._ahead_s[channels]
         rest_s = ahead_s - whole_samples(ahead_s, rate_hz) / rate_hz
         if rest_s.any():
             white *= first.advance(rest_s, rate_hz)
         for power in laws:
             band = self._bands[power]
-            farthest_s = self._farthest_s[np.ix_(heard, heard)]
+            farthest_s = self._farthest_s[np.ix_(channels, channels)]
             delays = correlated(white * np.sqrt(band.share), band, farthest_s)
-            relative, misfit = consistent(delays, len(heard))
+            relative, misfit = consistent(delays, len(channels))
             weighed = float(np.sum(delays.weight * misfit**2) / max(delays.weight.sum(), 1e-300))
             pace = (REFERENCE_HZ / p.given_hz) ** (1 - power)
             off_s = pace * float(np.sqrt(weighed))
@@ -528,23 +528,23 @@ class Band:
         still = (quiet.real**2 + quiet.imag**2) * (len(values) / max(len(noise), 1))
         with np.errstate(invalid="ignore"):
             above = power - NOISE_FACTOR * _averaged(still, self.spread)
-        known = (power > 0) & np.isfinite(above)
-        wiener = np.divide(np.maximum(above, 0), power, out=np.zeros_like(power), where=known)
-        unit = np.divide(1, np.sqrt(power), out=np.zeros_like(power), where=known)
+        valid = (power > 0) & np.isfinite(above)
+        wiener = np.divide(np.maximum(above, 0), power, out=np.zeros_like(power), where=valid)
+        unit = np.divide(1, np.sqrt(power), out=np.zeros_like(power), where=valid)
         return np.asarray(signal * (unit * np.sqrt(wiener)))
 
 
 def fast_length(least: int) -> int:
     """Return the shortest length from ``least`` on whose only factors are 2, 3 and 5."""
-    found = least
+    length = least
     while True:
-        left = found
+        left = length
         for factor in (2, 3, 5):
             while left % factor == 0:
                 left //= factor
         if left == 1:
-            return found
-        found += 1
+            return length
+        length += 1
 
 
 @lru_cache(maxsize=8)
@@ -582,20 +582,20 @@ def correlated(white: Spectra, band: Band, farthest_s: Array) -> Delays:
     cross = white[first] * np.conj(white[second])
     # single precision finds the highest delay; the correlation about it is then taken in double
     even, odd = cross.real.astype(np.float32), cross.imag.astype(np.float32)
-    place = np.empty(len(first), np.intp)
+    lag = np.empty(len(first), np.intp)
     for rows, outside, cosine, sine in lags.parts:
         # of delays d and -d the cosines are the same and the sines opposite: half the products do
         same, opposite = even[rows] @ cosine, odd[rows] @ sine
         steered = np.concatenate([(same + opposite)[:, :0:-1], same - opposite], axis=1)
         steered[outside] = -np.inf
-        place[rows] = steered.argmax(axis=1).clip(1, outside.shape[1] - 2) - cosine.shape[1] + 1
+        lag[rows] = steered.argmax(axis=1).clip(1, outside.shape[1] - 2) - cosine.shape[1] + 1
     around = np.empty((3, len(first)))
-    kernels.locate.steered(cross, lags.turned, place, around)
+    kernels.locate.steered(cross, lags.phasors, lag, around)
     off, top = _refined(*around)
     mass = (white.real**2 + white.imag**2).sum(axis=1)
     scale = np.sqrt(mass[first] * mass[second])
     height = np.divide(top, scale, out=np.zeros_like(top), where=scale > 0)
-    return Delays(first, second, (place + off) * lags.step_s, height, np.maximum(top, 0) * height)
+    return Delays(first, second, (lag + off) * lags.step_s, height, np.maximum(top, 0) * height)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -608,7 +608,7 @@ class Lags:
         The channels of each pair, shape (n_pairs,): pairs that are farther apart come later.
     step_s
         Between neighbouring delays [s].
-    turned
+    phasors
         Cosine and sine of every frequency's phase at delays of 0 steps, 1 and on, shape
         (k, 2, n_frequencies).
     parts
@@ -619,7 +619,7 @@ class Lags:
     first: NDArray[np.intp]
     second: NDArray[np.intp]
     step_s: float
-    turned: Array
+    phasors: Array
     parts: tuple[tuple[slice, NDArray[np.bool_], Single, Single], ...]
 
 
@@ -634,8 +634,8 @@ def _lags(turn: bytes, farthest_s: bytes, channels: int) -> Lags:
     edges = np.linspace(0, len(order), LAG_PARTS + 1).round().astype(int).tolist()
     reach = int(np.ceil(limit.max(initial=0.0) / step)) + 1
     phase = np.multiply.outer(np.arange(reach + 1) * step, u)
-    turned = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    cosine, sine = (turned[:, part].T.astype(np.float32) for part in (0, 1))
+    phasors = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    cosine, sine = (phasors[:, part].T.astype(np.float32) for part in (0, 1))
     parts = []
     for start, stop in pairwise(edges):
         if start < stop:
@@ -643,7 +643,7 @@ def _lags(turn: bytes, farthest_s: bytes, channels: int) -> Lags:
             outside = np.abs(np.arange(-reach, reach + 1) * step) > limit[start:stop, None] + step
             halves = (np.ascontiguousarray(half[:, : reach + 1]) for half in (cosine, sine))
             parts.append((slice(start, stop), outside, *halves))
-    return Lags(first[order], second[order], step, turned, tuple(parts))
+    return Lags(first[order], second[order], step, phasors, tuple(parts))
 
 
 def _refined(before: Array, at: Array, after: Array) -> tuple[Array, Array]:

@@ -92,31 +92,31 @@ class CovarianceIntersection(Stage):
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts."""
         if block.accepted[0]:
-            time_ns, place = self._found
-            yield place.fix(time_ns, self._context.plugin, self._context.stage)
+            time_ns, estimate = self._found
+            yield estimate.fix(time_ns, self._context.plugin, self._context.stage)
 
 
-def intersected(fixes: Sequence[Fix], own: float = 0.0) -> LocationEstimate:
+def intersected(fixes: Sequence[Fix], independent: float = 0.0) -> LocationEstimate:
     """Return the place that fixes of one moment tell together.
 
     Parameters
     ----------
     fixes
         Those whose covariance is finite and not singular count.
-    own
+    independent
         Part of what each tells that the others' errors do not share, 0 to 1.
     """
-    known = [fix for fix in fixes if _is_known(fix.covariance)]
-    if not known:
+    regular = [fix for fix in fixes if _is_known(fix.covariance)]
+    if not regular:
         return no_location(0)
     information = [
-        np.linalg.inv([(xx, xy), (xy, yy)]) for xx, xy, yy in (f.covariance for f in known)
+        np.linalg.inv([(xx, xy), (xy, yy)]) for xx, xy, yy in (f.covariance for f in regular)
     ]
     mean = np.mean(information, axis=0)
-    pulls = [told @ (fix.x_m, fix.y_m) for told, fix in zip(information, known, strict=True)]
+    pulls = [matrix @ (fix.x_m, fix.y_m) for matrix, fix in zip(information, regular, strict=True)]
     x, y = np.linalg.solve(mean, np.mean(pulls, axis=0)).tolist()
-    covariance = np.linalg.inv(mean) / (1 + (len(known) - 1) * own)
-    farthest = max((apart(*two)[1] for two in combinations(known, 2)), default=0.0)
+    covariance = np.linalg.inv(mean) / (1 + (len(regular) - 1) * independent)
+    farthest = max((apart(*two)[1] for two in combinations(regular, 2)), default=0.0)
     return LocationEstimate(x, y, covariance, farthest, max(fix.picks for fix in fixes))
 
 

@@ -96,15 +96,15 @@ class RunningFloor:
     @property
     def pace_deviation(self) -> float:
         """Standard deviation of the logarithm of its pace."""
-        known = self.prior.pace_deviation if self.found is None else self.found.deviations[0]
-        return float(min(known, 1.0))
+        deviation = self.prior.pace_deviation if self.found is None else self.found.deviations[0]
+        return float(min(deviation, 1.0))
 
-    def learn(self, times_s: Array, place: Array) -> None:
+    def learn(self, times_s: Array, position: Array) -> None:
         """Take an impact in: arrivals, shape (n,) [s], and about where it was, shape (2,) [m]."""
         if np.isfinite(times_s).sum() < TELLING:
             return
         self.rows.append(times_s)
-        self.places.append(place)
+        self.places.append(position)
         if len(self.rows) > self.memory:
             self.rows.popleft()
             self.places.popleft()
@@ -174,24 +174,24 @@ def locate(
     floor = running.floor
     if floor is None:
         exponent = running.prior.exponent
-        found = tdoa.locate_power_law(
+        estimate = tdoa.locate_power_law(
             running.positions, times_s, running.outline, exponent, sigma_s, huber
         )
     else:
-        found = _on_floor(running, floor, times_s, sigma_s, huber)
-    running.learn(times_s, np.array([found.x, found.y]))
-    return found
+        estimate = _on_floor(running, floor, times_s, sigma_s, huber)
+    running.learn(times_s, np.array([estimate.x, estimate.y]))
+    return estimate
 
 
 def _on_floor(
     running: RunningFloor, floor: ArrivalModel, times_s: Array, sigma_s: float, huber: float
 ) -> LocationEstimate:
     """Return the place on a floor whose pace is as uncertain as the fit says."""
-    heard = np.isfinite(times_s)
-    here, picks = running.positions[heard], int(heard.sum())
-    times = times_s[None, heard] - times_s[heard].min()
+    arrived = np.isfinite(times_s)
+    here, picks = running.positions[arrived], int(arrived.sum())
+    times = times_s[None, arrived] - times_s[arrived].min()
     sigma = sigma_s if running.found is None else running.found.sigma_s
-    area = for_sensors(lattice(running.positions, running.outline, floor.exponent), heard)
+    area = for_sensors(lattice(running.positions, running.outline, floor.exponent), arrived)
     model = Model(floor.exponent, floor.scale, huber * sigma)
     best = search(area, here, times, model)
     fits = [np.concatenate([best.losses[0], best.finer_losses[0]])]
@@ -253,8 +253,8 @@ class Impacts:
 
     def rows(self, index: NDArray[np.intp]) -> Impacts:
         """Return some of the impacts, in the order of ``index``."""
-        known = None if self.known is None else self.known[index]
-        return Impacts(self.positions, self.times_s[index], self.bounds, known)
+        positions = None if self.known is None else self.known[index]
+        return Impacts(self.positions, self.times_s[index], self.bounds, positions)
 
     @property
     def owned(self) -> int:
@@ -337,30 +337,34 @@ def fit(
         Reweightings at most.
     """
     free, prior = free or FreeParameters(), prior or ArrivalPrior()
-    heard = np.isfinite(impacts.times_s)
+    arrived = np.isfinite(impacts.times_s)
     given = places if impacts.known is None else impacts.known
-    point = point_at(impacts, heard, start, np.array(given, np.float64), heard.astype(np.float64))
-    sigma = _sigma(impacts, point, heard, free)
-    weight = heard.astype(np.float64)
+    point = point_at(
+        impacts, arrived, start, np.array(given, np.float64), arrived.astype(np.float64)
+    )
+    sigma = _sigma(impacts, point, arrived, free)
+    weight = arrived.astype(np.float64)
     for _ in range(rounds):
-        weight = heard * LOSS_WEIGHTS[loss](point.residuals / sigma)
+        weight = arrived * LOSS_WEIGHTS[loss](point.residuals / sigma)
         before = point.floor
         point = _steps(impacts, point, weight, sigma, free, prior)
-        sigma_before, sigma = sigma, _sigma(impacts, point, heard, free)
+        sigma_before, sigma = sigma, _sigma(impacts, point, arrived, free)
         if before.near(point.floor) and abs(sigma / sigma_before - 1) < 1e-3:
             break
     covariance = _covariance(impacts, point, weight, sigma, free, prior)
-    residuals = np.where(heard, point.residuals, np.nan)
+    residuals = np.where(arrived, point.residuals, np.nan)
     return JointCalibration(point.floor, point.places, residuals, weight, sigma, covariance, free)
 
 
-def _sigma(impacts: Impacts, point: Point, heard: NDArray[np.bool_], free: FreeParameters) -> float:
+def _sigma(
+    impacts: Impacts, point: Point, arrived: NDArray[np.bool_], free: FreeParameters
+) -> float:
     """Return the standard deviation of an arrival by the median size of the residuals [s]."""
-    count = int(heard.sum())
-    shared = 1 + free.exponent + free.offsets * (heard.shape[1] - 1)
-    enough = heard.sum(axis=1) >= impacts.owned
+    count = int(arrived.sum())
+    shared = 1 + free.exponent + free.offsets * (arrived.shape[1] - 1)
+    enough = arrived.sum(axis=1) >= impacts.owned
     left = max(1, count - impacts.owned * int(enough.sum()) - shared)
-    size = float(np.median(np.abs(point.residuals[heard]))) if count else 0.0
+    size = float(np.median(np.abs(point.residuals[arrived]))) if count else 0.0
     # every unknown takes away as much scatter as an arrival brings
     return max(LEAST_SIGMA_S, size / 0.6745 * float(np.sqrt(count / left)))
 
@@ -406,9 +410,9 @@ def _covariance(
     inner = matrix[np.ix_(shared, shared)]
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     values, vectors = np.linalg.eigh(inner / np.outer(size, size))
-    known = values > 1e-9
-    spread = (vectors[:, known] / values[known]) @ vectors[:, known].T
-    unknown = (vectors[:, ~known] ** 2).sum(axis=1) > 1e-6
+    determined = values > 1e-9
+    spread = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    unknown = (vectors[:, ~determined] ** 2).sum(axis=1) > 1e-6
     every = 2 + len(point.floor.offsets_s)
     out = np.zeros((every, every))
     out[np.ix_(shared, shared)] = spread / np.outer(size, size)
@@ -452,17 +456,17 @@ def places_on(
     area = lattice(impacts.positions, outline)
     area = replace(area, u=area.u**floor.exponent)
     model = Model(floor.exponent, floor.scale, threshold_s)
-    times, heard = impacts.times_s - floor.offsets_s, np.isfinite(impacts.times_s)
-    found = np.tile(impacts.positions.mean(axis=0), (len(times), 1))
-    patterns, which = np.unique(heard, axis=0, return_inverse=True)
+    times, arrived = impacts.times_s - floor.offsets_s, np.isfinite(impacts.times_s)
+    places = np.tile(impacts.positions.mean(axis=0), (len(times), 1))
+    patterns, which = np.unique(arrived, axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
         rows = np.flatnonzero(which.reshape(-1) == index)
         if pattern.sum() >= LEAST_PICKS:
             here = for_sensors(area, pattern), impacts.positions[pattern]
             # a row at a time: a threshold holds an array for each
             for row in rows:
-                found[row] = search(*here, times[None, row, pattern], model).places[0]
-    return found
+                places[row] = search(*here, times[None, row, pattern], model).places[0]
+    return places
 
 
 def first_pace(
@@ -489,10 +493,10 @@ def first_pace(
 
 def _misfit(times_s: Array, u: Array, model: Model) -> float:
     """Return the median over impacts of the least loss of any node [s^2]."""
-    heard = np.isfinite(times_s)
+    arrived = np.isfinite(times_s)
     best = [
-        float(losses(u[own], row[None, own], model).min())
-        for row, own in zip(times_s, heard, strict=True)
+        float(losses(u[sensors], row[None, sensors], model).min())
+        for row, sensors in zip(times_s, arrived, strict=True)
     ]
     return float(np.median(best))
 
@@ -531,8 +535,8 @@ def known_start(
     """Return a first fit of impacts whose places are known: at a given exponent it is linear."""
     assert impacts.known is not None
     reference = reference_distance(impacts.positions)
-    heard = np.isfinite(impacts.times_s)
-    u = np.where(heard, distances(impacts.known, impacts.positions) / reference, np.nan)
+    arrived = np.isfinite(impacts.times_s)
+    u = np.where(arrived, distances(impacts.known, impacts.positions) / reference, np.nan)
     farther = u**exponent - np.nanmean(u**exponent, axis=1, keepdims=True)
     late = impacts.times_s - np.nanmean(impacts.times_s, axis=1, keepdims=True)
     square = float(np.nansum(farther**2))
@@ -549,14 +553,14 @@ def _first_floor(
     still = FreeParameters(exponent=False, offsets=offsets)
     kind = _unclocked if offsets else _clocked
     tried = kind(impacts, outline, exponent)
-    found = []
+    fits = []
     for floor in tried:
         current = fit(impacts, floor, places_on(impacts, floor, outline), free=still, rounds=3)
         for _ in range(ALTERNATIONS if offsets else 0):
             again = places_on(impacts, current.floor, outline, HUBER * current.sigma_s)
             current = fit(impacts, current.floor, again, free=still, rounds=3)
-        found.append(current)
-    return min(found, key=lambda one: one.sigma_s).floor
+        fits.append(current)
+    return min(fits, key=lambda one: one.sigma_s).floor
 
 
 def _clocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[ArrivalModel]:
@@ -604,13 +608,13 @@ class Point:
 
 
 def point_at(
-    impacts: Impacts, heard: NDArray[np.bool_], floor: ArrivalModel, places: Array, weight: Array
+    impacts: Impacts, arrived: NDArray[np.bool_], floor: ArrivalModel, places: Array, weight: Array
 ) -> Point:
     """Return where a floor and places leave the arrivals, about the best moments under weights."""
     travel = floor.travel_s(_distances(impacts, floor, places)) + floor.offsets_s
-    left = np.where(heard, np.nan_to_num(impacts.times_s) - travel, 0.0)
+    left = np.where(arrived, np.nan_to_num(impacts.times_s) - travel, 0.0)
     moment = (weight * left).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-12)
-    return Point(floor, places, np.where(heard, left - moment[:, None], 0.0))
+    return Point(floor, places, np.where(arrived, left - moment[:, None], 0.0))
 
 
 def _distances(impacts: Impacts, floor: ArrivalModel, places: Array) -> Array:
@@ -629,8 +633,8 @@ def _pull(floor: ArrivalModel, prior: ArrivalPrior) -> Array:
 
     An exponent of deviation 0 is kept, and so is nowhere else.
     """
-    kept = prior.exponent_deviation == 0
-    off = 0.0 if kept else (floor.exponent - prior.exponent) / prior.exponent_deviation
+    fixed = prior.exponent_deviation == 0
+    off = 0.0 if fixed else (floor.exponent - prior.exponent) / prior.exponent_deviation
     return np.array([np.log(floor.pace_s / prior.pace_s) / prior.pace_deviation, off])
 
 
@@ -655,8 +659,8 @@ class System:
         """
         size = self.own.shape[1]
         ridge = np.einsum("maa->ma", self.own) * (damping + 1e-12) + 1e-12
-        own = self.own + ridge[:, :, None] * np.eye(size)
-        solved = np.linalg.solve(own, np.concatenate([self.own_side[..., None], self.across], 2))
+        damped = self.own + ridge[:, :, None] * np.eye(size)
+        solved = np.linalg.solve(damped, np.concatenate([self.own_side[..., None], self.across], 2))
         side, coupling = solved[..., 0], solved[..., 1:]
         matrix = self.shared - np.einsum("mas,mat->st", self.across, coupling)
         right = self.shared_side - np.einsum("mas,ma->s", self.across, side)
@@ -672,8 +676,8 @@ class System:
         inner = inner + damping * np.diag(np.diag(inner)) + 1e-12 * np.eye(len(free_ones))
         moved = np.zeros(len(matrix))
         moved[free_ones] = np.linalg.solve(inner, right[free_ones])
-        own = side - coupling @ moved
-        places = point.places if own.shape[1] == 1 else point.places + _held(own[:, 1:], floor)
+        moves = side - coupling @ moved
+        places = point.places if moves.shape[1] == 1 else point.places + _held(moves[:, 1:], floor)
         offsets = floor.offsets_s + moved[2:] if free.offsets else floor.offsets_s
         stepped = ArrivalModel(
             floor.reference_m,
@@ -688,8 +692,8 @@ def _held(moves: Array, floor: ArrivalModel) -> Array:
     """Return moves of places, none farther than half the reference."""
     length = np.hypot(moves[:, 0], moves[:, 1])
     allowed = np.minimum(1.0, 0.5 * floor.reference_m / np.maximum(length, 1e-12))
-    held: Array = moves * allowed[:, None]
-    return held
+    limited: Array = moves * allowed[:, None]
+    return limited
 
 
 def used(free: FreeParameters, sensors: int) -> NDArray[np.intp]:
@@ -707,9 +711,9 @@ def normal_equations(
     prior: ArrivalPrior,
 ) -> System:
     """Return the normal equations of the linearised arrivals, in units of sigma."""
-    own, shared = _slopes(impacts, point, free)
+    of_impacts, shared = _slopes(impacts, point, free)
     scaled = weight / sigma**2
-    weighted_own, weighted_shared = own * scaled[..., None], shared * scaled[..., None]
+    weighted_own, weighted_shared = of_impacts * scaled[..., None], shared * scaled[..., None]
     matrix = np.einsum("mns,mnt->st", shared, weighted_shared)
     side = np.einsum("mns,mn->s", weighted_shared, point.residuals)
     deviation = np.array([prior.pace_deviation, prior.exponent_deviation])
@@ -721,8 +725,8 @@ def normal_equations(
         # a common offset is a shift of all moments: the sum of the offsets stays 0
         matrix[2:, 2:] += matrix[2:, 2:].trace() / len(matrix[2:])
     return System(
-        np.einsum("mna,mnb->mab", own, weighted_own),
-        np.einsum("mna,mns->mas", own, weighted_shared),
+        np.einsum("mna,mnb->mab", of_impacts, weighted_own),
+        np.einsum("mna,mns->mas", of_impacts, weighted_shared),
         matrix,
         np.einsum("mna,mn->ma", weighted_own, point.residuals),
         side,
@@ -742,8 +746,8 @@ def _slopes(impacts: Impacts, point: Point, free: FreeParameters) -> tuple[Array
     shared[..., 1] = travel * np.log(apart / floor.reference_m)
     if free.offsets:
         shared[:, np.arange(n), 2 + np.arange(n)] = 1.0
-    own = np.ones((m, n, impacts.owned))
+    of_impacts = np.ones((m, n, impacts.owned))
     if impacts.known is None:
         slope = floor.exponent * travel / apart**2
-        own[..., 1:] = slope[..., None] * (point.places[:, None] - impacts.positions)
-    return own, shared
+        of_impacts[..., 1:] = slope[..., None] * (point.places[:, None] - impacts.positions)
+    return of_impacts, shared

@@ -113,11 +113,11 @@ class Hyperbolic(ArrivalLocalizer):
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         site, sigma = self.site, self.sigma.value_s
-        found = tdoa.locate_hyperbolic(
+        estimate = tdoa.locate_hyperbolic(
             site.positions, times_s, self.velocity_mps, site.outline, sigma
         )
-        self.sigma.learn(found)
-        return found
+        self.sigma.learn(estimate)
+        return estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,11 +161,11 @@ class PowerLaw(ArrivalLocalizer):
         p, site, sigma = self.parameters, self.site, self.sigma.value_s
         # the threshold is of the parameters: a place must not depend on those before it
         huber = p.huber * p.sigma_s / sigma
-        found = tdoa.locate_power_law(
+        estimate = tdoa.locate_power_law(
             site.positions, times_s, site.outline, p.exponent, sigma, huber
         )
-        self.sigma.learn(found)
-        return found
+        self.sigma.learn(estimate)
+        return estimate
 
 
 @dataclass(frozen=True, slots=True)

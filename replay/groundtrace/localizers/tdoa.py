@@ -63,13 +63,13 @@ def locate_hyperbolic(
     -------
     The place; its residual is the root mean square of what the arrivals are off [s].
     """
-    heard = np.isfinite(times_s)
-    picks = int(heard.sum())
+    arrived = np.isfinite(times_s)
+    picks = int(arrived.sum())
     if picks < LEAST_PICKS:
         return no_location(picks)
-    area = for_sensors(lattice(positions, outline), heard)
-    times = times_s[None, heard]
-    best = search(area, positions[heard], times, Model(1.0, 1.0 / velocity_mps))
+    area = for_sensors(lattice(positions, outline), arrived)
+    times = times_s[None, arrived]
+    best = search(area, positions[arrived], times, Model(1.0, 1.0 / velocity_mps))
     noise = noise_s(best, times, HYPERBOLIC_UNKNOWNS, sigma_s, OF_SPREAD_GIVEN)
     noise *= max(1.0, picks / ALIKE) ** 0.5
     covariance = moments(area, best, picks, noise)[1][0]
@@ -90,8 +90,8 @@ def hyperbolic_places(
         Shape (m, n): arrivals [s], all finite.
     """
     area, model = lattice(positions, outline), Model(1.0, 1.0 / velocity_mps)
-    found = [search(area, positions, block, model).places for block in in_blocks(area, times_s)]
-    return np.concatenate([np.empty((0, 2)), *found])
+    blocks = [search(area, positions, block, model).places for block in in_blocks(area, times_s)]
+    return np.concatenate([np.empty((0, 2)), *blocks])
 
 
 def calibrated_velocity(sources: Array, positions: Array, times_s: Array) -> float:
@@ -156,14 +156,14 @@ def locate_power_law(
     The place; its residual is the root of the mean loss [s]. Up to four arrivals leave a curve of
     places that all fit: then the place is its middle.
     """
-    heard = np.isfinite(times_s)
-    picks = int(heard.sum())
+    arrived = np.isfinite(times_s)
+    picks = int(arrived.sum())
     if picks < LEAST_PICKS:
         return no_location(picks)
-    area = for_sensors(lattice(positions, outline, exponent), heard)
+    area = for_sensors(lattice(positions, outline, exponent), arrived)
     model = Model(exponent, None, huber * sigma_s)
-    times = times_s[None, heard]
-    best = search(area, positions[heard], times, model)
+    times = times_s[None, arrived]
+    best = search(area, positions[arrived], times, model)
     noise = noise_s(best, times, POWER_LAW_UNKNOWNS, sigma_s)
     noise *= USUAL if picks > POWER_LAW_UNKNOWNS else 1.0
     (mean,), (covariance,) = moments(area, best, picks, noise)
@@ -193,15 +193,15 @@ def power_law_places(
         Shape (m, n): arrivals [s], all finite.
     """
     area, model = lattice(positions, outline, exponent), Model(exponent)
-    picks, found = len(positions), [np.empty((0, 2))]
+    picks, blocks = len(positions), [np.empty((0, 2))]
     for block in in_blocks(area, times_s):
         best = search(area, positions, block, model)
         if picks > POWER_LAW_UNKNOWNS:
-            found.append(best.places)
+            blocks.append(best.places)
         else:
             noise = noise_s(best, block, POWER_LAW_UNKNOWNS, sigma_s)
-            found.append(moments(area, best, picks, noise)[0])
-    return np.concatenate(found)
+            blocks.append(moments(area, best, picks, noise)[0])
+    return np.concatenate(blocks)
 
 
 #: Nodes along the longer side of the room. Source: thesis, chapter 5 has 25; chosen by judgement:
@@ -277,10 +277,10 @@ class Lattice:
     def inside(self, nodes: Array) -> NDArray[np.bool_]:
         """Return which places, shape (..., 2), are in the room or on its walls."""
         if self.box is None:
-            found: NDArray[np.bool_] = shapely.intersects_xy(
+            is_inside: NDArray[np.bool_] = shapely.intersects_xy(
                 self.room, nodes[..., 0], nodes[..., 1]
             )
-            return found
+            return is_inside
         x, y, ((left, low), (right, high)) = nodes[..., 0], nodes[..., 1], self.box
         return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
@@ -396,9 +396,9 @@ def _squares(offset: Array, square: Array, times_s: Array, slope: float | None) 
     return np.maximum(loss, 0.0, out=loss)
 
 
-def for_sensors(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:
+def for_sensors(area: Lattice, arrived: NDArray[np.bool_]) -> Lattice:
     """Return a lattice for the sensors that have an arrival, shape (n,)."""
-    return area if heard.all() else replace(area, u=area.u[heard])
+    return area if arrived.all() else replace(area, u=area.u[arrived])
 
 
 def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> GridOptimum:
@@ -421,19 +421,19 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> GridO
     else:
         every = _squares(*area.centred, times, model.slope)
     row, best = np.arange(len(times)), every.argmin(axis=1)
-    place, loss = area.nodes[best], every[row, best]
+    position, loss = area.nodes[best], every[row, best]
     step, refined = area.spacing, []
     for around in AROUND:
         step /= PARTS
-        nodes = place[:, None] + step * around
+        nodes = position[:, None] + step * around
         finer = losses(distances(sensors, nodes) ** model.exponent, times, model)
         finer[~area.inside(nodes)] = np.inf
         best = finer.argmin(axis=1)
         better = finer[row, best] < loss
-        place = np.where(better[:, None], nodes[row, best], place)
+        position = np.where(better[:, None], nodes[row, best], position)
         loss = np.where(better, finer[row, best], loss)
         refined.append((nodes, finer))
-    return GridOptimum(place, loss, every, *refined[0])
+    return GridOptimum(position, loss, every, *refined[0])
 
 
 def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
@@ -467,7 +467,7 @@ def noise_s(
     best: GridOptimum,
     times_s: Array,
     unknowns: int,
-    told_s: float,
+    prior_s: float,
     of_spread: float = OF_SPREAD,
 ) -> Array:
     """Return the standard deviation of an arrival that a region reckons with, shape (m,) [s].
@@ -483,14 +483,14 @@ def noise_s(
         Shape (m, n): arrivals [s].
     unknowns
         How much of their scatter the fit took away.
-    told_s
+    prior_s
         What is known of it beforehand [s].
     of_spread
         By what part of their scatter arrivals err besides.
     """
     picks = times_s.shape[1]
-    told = told_s**2 + (of_spread * times_s.std(axis=1)) ** 2
-    left = (TOLD * told + picks * best.loss) / (TOLD + max(picks - unknowns, 0))
+    variance = prior_s**2 + (of_spread * times_s.std(axis=1)) ** 2
+    left = (TOLD * variance + picks * best.loss) / (TOLD + max(picks - unknowns, 0))
     return np.asarray(np.sqrt(left))
 
 
@@ -500,8 +500,8 @@ def excesses(best: GridOptimum, picks: int) -> Array:
     At the nodes of the lattice, then of the refinement.
     """
     every = np.concatenate([best.losses, best.finer_losses], axis=1)
-    found: Array = picks * (every - best.loss[:, None])
-    return found
+    excess: Array = picks * (every - best.loss[:, None])
+    return excess
 
 
 def posterior(area: Lattice, best: GridOptimum, likelihood: Array) -> tuple[Array, Array]:

@@ -140,7 +140,7 @@ def cutoffs(plate: Plate, top_hz: float) -> list[Cutoff]:
     and even p of symmetric modes, of the compression wave the other way about.
     """
     solid = Solid.of_plate(plate)
-    found: dict[str, list[tuple[float, Literal["P", "S"]]]] = {"A": [], "S": []}
+    by_family: dict[str, list[tuple[float, Literal["P", "S"]]]] = {"A": [], "S": []}
     waves: tuple[tuple[Literal["P", "S"], float, str], ...] = (
         ("S", solid.s_mps, "SA"),
         ("P", solid.p_mps, "AS"),
@@ -148,10 +148,10 @@ def cutoffs(plate: Plate, top_hz: float) -> list[Cutoff]:
     for wave, velocity, family in waves:
         lowest_hz = velocity / (2 * plate.thickness_m)
         for p in range(1, int(top_hz / lowest_hz) + 1):
-            found[family[p % 2]].append((p * lowest_hz, wave))
+            by_family[family[p % 2]].append((p * lowest_hz, wave))
     numbered = [
         Cutoff(f"{family}{number}", frequency_hz, wave)
-        for family, begins in found.items()
+        for family, begins in by_family.items()
         for number, (frequency_hz, wave) in enumerate(sorted(begins), 1)
     ]
     return sorted(numbered, key=lambda cutoff: cutoff.frequency_hz)
@@ -413,10 +413,10 @@ def onset_s(
     """
     time_s = response.time_s(rate_hz)
     onset = np.full(distance_m.shape, np.nan)
-    for place, distance in enumerate(distance_m):  # one by one: a long sum is many megabytes
+    for index, distance in enumerate(distance_m):  # one by one: a long sum is many megabytes
         above = np.abs(response.analytic(distance[None], rate_hz)[0].real) > level
         if above.any():
-            onset[place] = time_s[np.argmax(above)]
+            onset[index] = time_s[np.argmax(above)]
     return onset
 
 

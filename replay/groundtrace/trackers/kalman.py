@@ -175,22 +175,24 @@ class StepFilter(LinearFilter):
     ----------
     model
         Of the walk.
-    place
+    position
         First fix, shape (2,) [m].
     spread
         Covariance of the state at the start, shape (4, 4) [m^2].
     """
 
-    def __init__(self, model: WalkModel, place: Array, spread: Array) -> None:
-        super().__init__(np.concatenate([place, place]), spread)
+    def __init__(self, model: WalkModel, position: Array, spread: Array) -> None:
+        super().__init__(np.concatenate([position, position]), spread)
         self._straight = Motion.ahead(model)
 
-    def fit(self, place: Array, noise: Array, motion: Motion | None = None) -> tuple[float, float]:
+    def fit(
+        self, position: Array, noise: Array, motion: Motion | None = None
+    ) -> tuple[float, float]:
         """Return how far a fix is from the predicted next step, and how surprising it is.
 
         Parameters
         ----------
-        place, noise
+        position, noise
             The fix, shape (2,) [m], and its covariance, shape (2, 2) [m^2].
         motion
             How it gets there; None: straight on.
@@ -203,7 +205,7 @@ class StepFilter(LinearFilter):
         """
         motion = motion or self._straight
         spread = motion.f @ self.spread @ motion.f.T + motion.q
-        x, y = (place - (motion.f @ self.state)[2:]).tolist()
+        x, y = (position - (motion.f @ self.state)[2:]).tolist()
         (xx, xy), (yx, yy) = (spread[2:, 2:] + noise).tolist()
         (noise_xx, noise_xy), (noise_yx, noise_yy) = noise.tolist()
         determinant = xx * yy - xy * yx
@@ -211,11 +213,11 @@ class StepFilter(LinearFilter):
         ratio = determinant / (noise_xx * noise_yy - noise_xy * noise_yx)
         return math.sqrt(square), square + math.log(ratio)
 
-    def step(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
+    def step(self, position: Array, noise: Array, motion: Motion | None = None) -> float:
         """Predict the next step and take its fix in; return the NIS (2 degrees of freedom)."""
         motion = motion or self._straight
         self.predict(motion.f, motion.q)
-        self.update(place, H, noise)
+        self.update(position, H, noise)
         return self.nis
 
 

@@ -196,15 +196,15 @@ def fit(
 
 
 def _motions(track: Track, elapsed_s: float, model: WalkModel) -> list[tuple[Motion, float]]:
-    found = [(Motion.ahead(model), 0.0)]
+    motions = [(Motion.ahead(model), 0.0)]
     pace_s = track.pace_s
     if track.counts and pace_s is not None:
         ticks = max(1, round(elapsed_s / pace_s))
         if ticks > 1:
-            found.append((Motion.ahead(model, ticks), 0.0))
+            motions.append((Motion.ahead(model, ticks), 0.0))
         if elapsed_s >= TURN_DUE * pace_s:
-            found.append((Motion.turned(PACE_M, ticks), TURN_SURPRISE))
-    return found
+            motions.append((Motion.turned(PACE_M, ticks), TURN_SURPRISE))
+    return motions
 
 
 def paired(
@@ -218,9 +218,9 @@ def paired(
     """
     surprise = np.full((len(fits), len(tracks)), np.inf)
     for row, each in enumerate(fits):
-        for column, found in enumerate(each):
-            if found is not None and np.float32(found.distance) <= limits.max_distance:
-                surprise[row, column] = max(found.surprise, 0.0)
+        for column, candidate in enumerate(each):
+            if candidate is not None and np.float32(candidate.distance) <= limits.max_distance:
+                surprise[row, column] = max(candidate.surprise, 0.0)
     owner: dict[int, int] = {}
     counts = np.array([track.counts for track in tracks], np.bool_)
     for among in (counts, ~counts):
@@ -279,15 +279,15 @@ def nearest(
     -------
     0 and infinity where there is none.
     """
-    found = [(0.0, float("inf"))] if not feet else []
+    distances = [(0.0, float("inf"))] if not feet else []
     for index, foot in feet.items():
         since_s = foot.since_s(seen)
         step = fits[index] if index < len(fits) else None
         if step is None or since_s < limits.least_pace_s:
-            found.append((foot.distance(seen), since_s))
+            distances.append((foot.distance(seen), since_s))
         else:
-            found.append((step.distance, since_s))
-    return min(found)
+            distances.append((step.distance, since_s))
+    return min(distances)
 
 
 #: The pace of a walker is known from so many intervals on, and judged by the last of them. Chosen
@@ -385,8 +385,10 @@ def smoothed_points(track: Track, stage: str) -> list[TrackPoint]:
     motions = [step.motion for step in track.steps]
     information = np.linalg.inv(np.stack([step.noise for step in track.steps]))
     common = COMMON * np.tile(np.linalg.inv(information.mean(axis=0)), (2, 2))
-    found = zip(track.steps, *smoothed(states, spreads, motions), strict=True)
-    steps = [replace(step, state=state, spread=spread + common) for step, state, spread in found]
+    smooth_steps = zip(track.steps, *smoothed(states, spreads, motions), strict=True)
+    steps = [
+        replace(step, state=state, spread=spread + common) for step, state, spread in smooth_steps
+    ]
     return _points(steps, None, track.number, stage + SMOOTHED)
 
 
@@ -598,10 +600,10 @@ class WalkerTracker(Stage):
         feet = {column: foot_of(track) for column, track in enumerate(self._tracks)}
         rows = np.zeros((len(fixes), 2), np.float32)
         for row, column in owner.items():
-            found, one = fits[row][column], seen[row]
-            if found is not None:
-                self._steps[row] = (self._tracks[column], found.motion)
-                rows[row] = found.distance, feet[column].since_s(one)
+            best, one = fits[row][column], seen[row]
+            if best is not None:
+                self._steps[row] = (self._tracks[column], best.motion)
+                rows[row] = best.distance, feet[column].since_s(one)
                 feet[column] = FootPosition(one.time_ns, one.place, one.noise)
         for row, one in enumerate(seen):
             if row not in owner:
@@ -639,13 +641,13 @@ class WalkerTracker(Stage):
 
     def _raw(self, fix: Fix) -> FixObservation:
         """Return a fix with the covariance that it is taken to have."""
-        place, noise = np.array([fix.x_m, fix.y_m]), self.model.r
+        position, noise = np.array([fix.x_m, fix.y_m]), self.model.r
         xx, xy, yy = fix.covariance
-        known = np.isfinite(xx + xy + yy) and xx > 0 and xx * yy > xy**2
-        if self.parameters.own_covariance and known:
+        positive = np.isfinite(xx + xy + yy) and xx > 0 and xx * yy > xy**2
+        if self.parameters.own_covariance and positive:
             spare = max(fix.picks - UNKNOWNS, 0)
             noise = np.array([[xx, xy], [xy, yy]]) * (1 + REPEATED / (1 + spare))
-        return FixObservation(fix.time_ns, place, noise)
+        return FixObservation(fix.time_ns, position, noise)
 
     def _step(self, track: Track, motion: Motion, fix: Fix) -> list[TrackPoint]:
         seen = self._observed(fix)
@@ -660,11 +662,11 @@ class WalkerTracker(Stage):
 
     def _missed(self, fix: Fix) -> None:
         """Count a fix against the nearest track that does not count yet."""
-        place = np.array([fix.x_m, fix.y_m])
+        position = np.array([fix.x_m, fix.y_m])
         stepped = [track for track, _ in self._steps.values()]
         free = [t for t in self._tracks if not t.counts and t not in stepped]
         if free:
-            nearby = min(free, key=lambda t: float(np.hypot(*(t.steps[-1].state[2:] - place))))
+            nearby = min(free, key=lambda t: float(np.hypot(*(t.steps[-1].state[2:] - position))))
             nearby.chances += 1
 
     def _begin(self, fix: Fix) -> Track:
@@ -674,5 +676,5 @@ class WalkerTracker(Stage):
         return track
 
     def _ended(self, over: Sequence[Track]) -> list[TrackPoint]:
-        kept = [t for t in over if t.number] if self.parameters.smooth else []
-        return [p for t in kept for p in smoothed_points(t, self.stage)]
+        numbered = [t for t in over if t.number] if self.parameters.smooth else []
+        return [p for t in numbered for p in smoothed_points(t, self.stage)]
