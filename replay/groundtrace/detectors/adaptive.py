@@ -176,8 +176,8 @@ class ByRhythm:
         """Judge what waited for more by what there is."""
         ends = self._band(part.up), self._band.flush()
         followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
-        found = np.concatenate([self._peaks(followed), self._peaks.flush()])
-        return Found(followed.band, followed.band, found)
+        peaks = np.concatenate([self._peaks(followed), self._peaks.flush()])
+        return Found(followed.band, followed.band, peaks)
 
 
 class ByScore:
@@ -201,25 +201,27 @@ class ByScore:
     def __call__(self, part: UpwardPart) -> Found:
         """Score the points that are known; a maximum waits for those after it."""
         windows = self._windows(moving(part.force, part.gravity))
-        said = scores(windows.seen, trained())
-        return self._found(windows, said, [self._surroundings(windows.seen, said, windows.step_s)])
+        point_scores = scores(windows.seen, trained())
+        return self._found(
+            windows, point_scores, [self._surroundings(windows.seen, point_scores, windows.step_s)]
+        )
 
     def flush(self, part: UpwardPart) -> Found:
         """Judge what waited for more by what there is."""
         ends = self._windows(moving(part.force, part.gravity)), self._windows.flush()
         windows = Windows(*(np.concatenate(points) for points in zip(*ends, strict=True)))
-        said = scores(windows.seen, trained())
-        last = self._surroundings(windows.seen, said, windows.step_s)
-        return self._found(windows, said, [last, self._surroundings.flush()])
+        point_scores = scores(windows.seen, trained())
+        last = self._surroundings(windows.seen, point_scores, windows.step_s)
+        return self._found(windows, point_scores, [last, self._surroundings.flush()])
 
     def _found(
         self,
         windows: Windows,
-        said: Scores,
+        point_scores: Scores,
         candidates: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
     ) -> Found:
         rows = np.concatenate([judged(*each, trained().candidate) for each in candidates])
-        return Found(probability(said.odds), windows.seen[:, len(TAPS) // 2], rows)
+        return Found(probability(point_scores.odds), windows.seen[:, len(TAPS) // 2], rows)
 
 
 @dataclass(slots=True)
@@ -312,8 +314,8 @@ class AdaptiveDetector(Stage):
         state = self.state
         part = state.upward.flush()
         self._wait(part)
-        whole = self._measured(state.method.flush(part))
-        return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.flush()))
+        remainder = self._measured(state.method.flush(part))
+        return joined(remainder, Measured(Candidates.empty(len(self.columns)), state.trace.flush()))
 
     def curve(self) -> Curve | None:
         """Return the decision function over what the last ``process`` or ``flush`` completed."""
@@ -325,31 +327,31 @@ class AdaptiveDetector(Stage):
         state.times.add(since)
         state.waiting.add(np.concatenate([since, part.recorded]))
 
-    def _measured(self, found: Found) -> Measured:
-        return Measured(self._candidates(found.rows), self._frames(found))
+    def _measured(self, detection: Found) -> Measured:
+        return Measured(self._candidates(detection.rows), self._frames(detection))
 
-    def _frames(self, found: Found) -> Frames:
-        state, count = self.state, len(found.decision)
+    def _frames(self, detection: Found) -> Frames:
+        state, count = self.state, len(detection.decision)
         start = state.waiting.first
         since, norm = state.waiting.between(start, start + count)
         state.waiting.discard_before(start + count)
         times = since.astype(np.int64) + (state.start_ns or 0)
-        state.curve = Curve(times, found.decision[:, None])
-        z, norm = found.filtered[None, :], norm[None, :]
-        return state.trace.add(times, found.decision[None, :], np.abs(z), z * z, norm, norm)
+        state.curve = Curve(times, detection.decision[:, None])
+        z, norm = detection.filtered[None, :], norm[None, :]
+        return state.trace.add(times, detection.decision[None, :], np.abs(z), z * z, norm, norm)
 
-    def _candidates(self, found: NDArray[np.float64]) -> Candidates:
+    def _candidates(self, rows: NDArray[np.float64]) -> Candidates:
         state = self.state
-        if not len(found):
+        if not len(rows):
             return Candidates.empty(len(self.columns))
-        places = found[:, 0] - state.times.first
+        places = rows[:, 0] - state.times.first
         since = state.times.values[0]
         time_ns = np.interp(places, np.arange(len(since)), since)
-        state.times.discard_before(int(found[-1, 0]) - 1)
+        state.times.discard_before(int(rows[-1, 0]) - 1)
         return Candidates(
             np.rint(time_ns).astype(np.int64) + (state.start_ns or 0),
-            np.zeros(len(found), np.int32),
-            found[:, 1:].astype(np.float32),
+            np.zeros(len(rows), np.int32),
+            rows[:, 1:].astype(np.float32),
         )
 
 
@@ -472,10 +474,10 @@ class StepBand:
     def _until(self, end: int) -> Followed:
         start = self._up.first
         end = max(start, end)
-        found = np.empty((len(Followed._fields), 0))
+        bands = np.empty((len(Followed._fields), 0))
         if end > start:
             hop = start // HOP
-            found = kernels.steps.step_bands(
+            bands = kernels.steps.step_bands(
                 self._up.between(start, end + 2 * self._reach)[0],
                 self._kernels,
                 self._spans,
@@ -486,7 +488,7 @@ class StepBand:
             )
         self._up.discard_before(end)
         self._hops.discard_before(end // HOP)
-        return Followed(*found)
+        return Followed(*bands)
 
 
 #: A valley belongs to the peak that follows it within this many step times. Chosen by judgement: a
@@ -533,9 +535,9 @@ class Peaks:
     def __call__(self, followed: Followed) -> NDArray[np.float64]:
         """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
         self._kept.add(np.stack(followed))
-        found = self._until(self._kept.end - _AHEAD)
+        peaks = self._until(self._kept.end - _AHEAD)
         self._kept.discard_before(self._next - _BACK)
-        return found
+        return peaks
 
     def flush(self) -> NDArray[np.float64]:
         """Return the peaks that waited; a maximum at the very end is not one."""
@@ -545,7 +547,7 @@ class Peaks:
         if end <= self._next:
             return np.empty((0, len(COLUMNS)))
         span, self._next = (self._next, end), end
-        found = kernels.steps.peaks(
+        peaks = kernels.steps.peaks(
             self._kept.contiguous(),
             self._kept.first,
             span,
@@ -556,5 +558,5 @@ class Peaks:
             round(_RISE_NEAR_S * GRID_HZ),
             (_VALLEY_STEPS, _RISE_STEPS, REACH_STEPS),
         )
-        self._last = float(found[-1, 0]) if len(found) else self._last
-        return found
+        self._last = float(peaks[-1, 0]) if len(peaks) else self._last
+        return peaks

@@ -162,9 +162,9 @@ def picker_memory(
     p = parameters
     before_s, after_s = (max(times) for times in zip(*windows_s, strict=True))
     around_s = p.separation_s + 2 * CELL_S
-    told = Memory(p.gap_s + back_s + before_s + around_s, ahead_s + after_s + around_s)
+    window_memory = Memory(p.gap_s + back_s + before_s + around_s, ahead_s + after_s + around_s)
     chained = Memory(forgotten_s + CHAINED * p.refractory_s, 0.0)
-    return told.behind([TRACE]).behind([chained])
+    return window_memory.behind([TRACE]).behind([chained])
 
 
 class ArrivalTracker:
@@ -323,10 +323,10 @@ class ArrivalTracker:
             onset, deviation = mean_onsets(
                 self.history, anchor, rises.channel, self._windows, correlation
             )
-        whole = np.floor(onset)
-        after_ns = np.rint((onset - whole) * NS_PER_S / self.rate_hz).astype(np.int64)
+        onset_sample = np.floor(onset)
+        after_ns = np.rint((onset - onset_sample) * NS_PER_S / self.rate_hz).astype(np.int64)
         time_ns = np.concatenate(
-            [self._held.time_ns, self.clock.at(anchor + whole.astype(np.intp)) + after_ns]
+            [self._held.time_ns, self.clock.at(anchor + onset_sample.astype(np.intp)) + after_ns]
         )
         channel = np.concatenate([self._held.channel, rises.channel.astype(np.int32)])
         value = np.stack([rises.value, deviation / self.rate_hz], axis=1)
@@ -339,13 +339,13 @@ class ArrivalTracker:
     def _first_over(self, rises: LocalMaximaWithOnset, ratios: SampleHistory) -> Indices:
         """Return the first sample of each rise at which the ratio is over the floor."""
         rows, length = ratios.rows(), self._length
-        found = rises.begin * length
+        crossings = rises.begin * length
         for i, (begin, peak, channel) in enumerate(
-            zip(found.tolist(), rises.peak.tolist(), rises.channel.tolist(), strict=True)
+            zip(crossings.tolist(), rises.peak.tolist(), rises.channel.tolist(), strict=True)
         ):
-            own = rows[begin - ratios.first : (peak + 1) * length - ratios.first, channel]
-            found[i] = begin + int(np.argmax(own > self.settings.floor))
-        return np.asarray(found, np.intp)
+            rise_ratio = rows[begin - ratios.first : (peak + 1) * length - ratios.first, channel]
+            crossings[i] = begin + int(np.argmax(rise_ratio > self.settings.floor))
+        return np.asarray(crossings, np.intp)
 
     def _anchors(self, rises: LocalMaximaWithOnset) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""
@@ -383,9 +383,9 @@ def mean_onsets(
     for before, after in windows:
         start = np.maximum(anchor - before, history.first)
         length = np.minimum(anchor + 1 + after, history.end) - start
-        found = kernels.picker.onsets(
+        picks = kernels.picker.onsets(
             history.rows(), start - history.first, length, channel, correlation
         )
-        onset += (start - anchor) + found[0]
-        variance += found[1] ** 2
+        onset += (start - anchor) + picks[0]
+        variance += picks[1] ** 2
     return np.stack([onset / len(windows), np.sqrt(variance / len(windows))])

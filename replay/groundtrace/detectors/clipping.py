@@ -169,8 +169,8 @@ class Limits:
             jumps = np.abs(np.diff(core))
             jumps = jumps[jumps > 0]
             if len(jumps):
-                place = int(STEP_PART * len(jumps))
-                self._steps[c] = min(self._steps[c], float(np.partition(jumps, place)[place]))
+                rank = int(STEP_PART * len(jumps))
+                self._steps[c] = min(self._steps[c], float(np.partition(jumps, rank)[rank]))
             sides[0].extreme = max(sides[0].extreme, float(np.nanmax(core)))
             sides[1].extreme = max(sides[1].extreme, -float(np.nanmin(core)))
             swing = sides[0].extreme + sides[1].extreme
@@ -191,14 +191,14 @@ class Limits:
                 continue
             least = SAME * max(side.extreme for side in sides)
             worn = channel.quantity not in SEISMIC_QUANTITIES
-            found = []
+            flat_sides = []
             for side in sides:
                 near = full_scale(channel, side.extreme * channel.scale)
                 flat = side.flat(swing, step, near_scale=bool(near), seismic=not worn)
                 if flat and side.extreme > 0 and (side.extreme >= least or not worn):
-                    found.append((side.sign, flat))
-            if found:
-                yield _clipped(self.stream, channel, found, self._heard)
+                    flat_sides.append((side.sign, flat))
+            if flat_sides:
+                yield _clipped(self.stream, channel, flat_sides, self._heard)
 
 
 def _tops(window: Window, c: int, side: _Side, swing: float) -> Iterator[_Top]:
@@ -239,16 +239,20 @@ def _grown(window: Window, row: NDArray[np.floating], at: int, within: float) ->
 
 
 def _clipped(
-    stream: Stream, channel: Channel, found: Sequence[tuple[int, list[_Top]]], heard: int
+    stream: Stream,
+    channel: Channel,
+    flat_sides: Sequence[tuple[int, list[_Top]]],
+    total_samples: int,
 ) -> Finding:
-    tops = [top for _, flat in found for top in flat]
+    tops = [top for _, flat in flat_sides for top in flat]
     samples = sum(top.samples for top in tops)
     at = " and ".join(
-        f"{readable(sign * _middle(flat) * channel.scale)} {channel.unit}" for sign, flat in found
+        f"{readable(sign * _middle(flat) * channel.scale)} {channel.unit}"
+        for sign, flat in flat_sides
     )
     first = min(tops, key=lambda top: top.start_ns)
-    part = percent(samples / heard)
-    scale = near_scale(channel, max(_middle(flat) for _, flat in found) * channel.scale)
+    part = percent(samples / total_samples)
+    scale = near_scale(channel, max(_middle(flat) for _, flat in flat_sides) * channel.scale)
     return Finding(
         stream.topic,
         channel.name,
@@ -256,7 +260,7 @@ def _clipped(
         first.start_ns,
         max(top.end_ns for top in tops),
         len(tops),
-        samples / heard,
+        samples / total_samples,
         f"clipped at about {at}{scale} {times(len(tops))}, {part} of the samples",
         *clipped_effect(channel),
     )
@@ -306,11 +310,11 @@ class _RepeatedSide:
         for value in np.unique(row[row >= floor])[-KEPT:].tolist():
             at = np.flatnonzero(row == value)
             runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-            known = self.tops.setdefault(value, FaultSpans())
+            spans = self.tops.setdefault(value, FaultSpans())
             for run in runs:
                 if len(run) <= longest and not (run[0] == 0 and self.last == value):
                     first = int(run[0])
-                    known.add(window.time_ns(first), window.time_ns(first + len(run)), len(run))
+                    spans.add(window.time_ns(first), window.time_ns(first + len(run)), len(run))
         for value in sorted(self.tops)[:-KEPT]:
             del self.tops[value]
         self.last = float(row[-1])
@@ -323,8 +327,10 @@ class _RepeatedSide:
         apart = np.diff(values)
         apart = apart[apart > ROUNDING * max(abs(values[0]), abs(values[-1]))]
         again = self.tops[self.extreme].events - 1
-        usual = max(tops.events for value, tops in self.tops.items() if value != self.extreme)
-        if again < 1 or not len(apart) or usual > USUAL * (again + 1):
+        other_events = max(
+            tops.events for value, tops in self.tops.items() if value != self.extreme
+        )
+        if again < 1 or not len(apart) or other_events > USUAL * (again + 1):
             return 1.0
         step = max(float(apart.min()), FINEST * swing)
         reach = min(BAND * swing, float(values[-1] - values[0]))
@@ -369,9 +375,9 @@ class Repeats:
             if not swing > 0:
                 continue
             least = SAME * max(side.extreme for side in sides)
-            found = [s for s in sides if s.extreme >= least and s.chance(swing) < CHANCE]
-            if found:
-                yield self._clipped(self.stream.channels[c], found)
+            repeated_sides = [s for s in sides if s.extreme >= least and s.chance(swing) < CHANCE]
+            if repeated_sides:
+                yield self._clipped(self.stream.channels[c], repeated_sides)
 
     def _clipped(self, channel: Channel, sides: list[_RepeatedSide]) -> Finding:
         tops = [side.tops[side.extreme] for side in sides]

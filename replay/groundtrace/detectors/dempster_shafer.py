@@ -90,13 +90,13 @@ class HypothesisSet:
         BeliefError
             Where one is not of this frame.
         """
-        found = 0
+        mask = 0
         for name in names:
             if name not in self.hypotheses:
-                known = ", ".join(self.hypotheses)
-                raise BeliefError(f"Frame: expected a hypothesis of {known}, found {name!r}")
-            found |= 1 << self.hypotheses.index(name)
-        return found
+                expected = ", ".join(self.hypotheses)
+                raise BeliefError(f"Frame: expected a hypothesis of {expected}, found {name!r}")
+            mask |= 1 << self.hypotheses.index(name)
+        return mask
 
     def complement(self, subset: int) -> int:
         """Return what is not in a subset."""
@@ -182,9 +182,9 @@ class SensorMass:
         between corners the masses of a source are polynomials of its height, of degree 2.
         """
         corners = [getattr(h, name) for h in (self.certainty, self.truth) for name in CORNERS]
-        known = np.array([c for c in corners if np.isfinite(c)])
-        grid = np.linspace(0, 1.1 * known.max() + 1, GRID)
-        grid = np.unique(np.concatenate([[-1.0], known, grid]))
+        finite_corners = np.array([c for c in corners if np.isfinite(c)])
+        grid = np.linspace(0, 1.1 * finite_corners.max() + 1, GRID)
+        grid = np.unique(np.concatenate([[-1.0], finite_corners, grid]))
         pairs = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
         lead, mass, certainty = np.nanmax(self.of(pairs)[:, :3], axis=0).tolist()
         return lead, mass, certainty
@@ -208,10 +208,10 @@ class SensorMass:
         k = conflict(*masses)
         undefined = (k >= 1) & (self.rule == "dempster" or self.criterion == "pignistic")
         combined, lead = np.full_like(masses[0], np.nan), np.full(len(heights), np.nan)
-        kept = ~undefined
-        combined[kept] = RULES[self.rule](*(m[kept] for m in masses))
-        score = scores(combined[kept], self.criterion)
-        lead[kept] = score[:, 0] - score[:, 1]
+        defined = ~undefined
+        combined[defined] = RULES[self.rule](*(m[defined] for m in masses))
+        score = scores(combined[defined], self.criterion)
+        lead[defined] = score[:, 0] - score[:, 1]
         columns = [lead, combined[:, IT], over_ignorance(combined, IT), combined[:, NONE]]
         columns += [combined[:, FRAME.whole], k]
         for m in masses:
@@ -292,12 +292,12 @@ def over_ignorance(masses: NDArray[Any], subset: int) -> NDArray[Any]:
 
 def _gathered(masses: NDArray[Any], counts: Callable[[int, int], bool]) -> NDArray[Any]:
     hypotheses_of(masses)
-    found = np.asarray(masses * 0)
+    sums = np.asarray(masses * 0)
     for outer in range(masses.shape[-1]):
         for inner in range(masses.shape[-1]):
             if counts(inner, outer):
-                found[..., outer] = found[..., outer] + masses[..., inner]
-    return found
+                sums[..., outer] = sums[..., outer] + masses[..., inner]
+    return sums
 
 
 def specialised(frame: HypothesisSet, subset: int, support: Any, against: Any) -> NDArray[Any]:
@@ -449,16 +449,16 @@ def discount(masses: NDArray[Any], reliability: Any) -> NDArray[Any]:
     factor = np.asarray(reliability)
     if not ((factor >= 0) & (factor <= 1)).all():
         raise BeliefError(f"discount: expected a reliability from 0 to 1, found {reliability}")
-    kept = np.asarray(masses * factor[..., None])
-    kept[..., -1] = kept[..., -1] + (1 - factor)
-    return kept
+    discounted = np.asarray(masses * factor[..., None])
+    discounted[..., -1] = discounted[..., -1] + (1 - factor)
+    return discounted
 
 
 def _checked(sources: tuple[NDArray[Any], ...]) -> tuple[NDArray[Any], ...]:
     sizes = {hypotheses_of(masses) for masses in sources}
     if len(sizes) != 1:
-        found = [masses.shape for masses in sources]
-        raise BeliefError(f"sources: expected masses on one frame, found shapes {found}")
+        shapes = [masses.shape for masses in sources]
+        raise BeliefError(f"sources: expected masses on one frame, found shapes {shapes}")
     # a single source is returned as a copy: rules write into what they get
     return (sources[0].copy(), *sources[1:])
 
@@ -638,8 +638,8 @@ class DempsterShaferDetector(Stage):
     def reach(self) -> dict[str, Reach]:
         """Return what the combined masses can reach, whatever the heights of both sensors."""
         evidence, p = self.state.evidence, self.parameters
-        told = " and ".join(f"{reliability:g}" for reliability in evidence.reliability)
-        why = f"rule {p.rule}, reliabilities {told}"
+        reliabilities = " and ".join(f"{reliability:g}" for reliability in evidence.reliability)
+        why = f"rule {p.rule}, reliabilities {reliabilities}"
         most = zip(("lead", "mass", "certainty"), evidence.most(), strict=True)
         return {
             f"{what}_{name}": Reach(value, why)

@@ -151,24 +151,26 @@ class _Line:
         channels = context.stream.channels
         places = [c.position_m for c in channels]
         if all(p is not None for p in places) and context.geometry.unit == "m":
-            place = np.array([p[:2] for p in places if p is not None], np.float64)
+            positions_m = np.array([p[:2] for p in places if p is not None], np.float64)
         else:
-            place = np.zeros((0, 2))
-        known = len(place) > 1 and bool(np.ptp(place, axis=0).max() > 0)
-        if not known:
-            place = np.stack([spacing_m * np.arange(len(channels)), np.zeros(len(channels))], 1)
-        centred = place - place.mean(axis=0)
-        axis = np.linalg.svd(centred)[2][0] if len(place) > 1 else np.array([1.0, 0.0])
+            positions_m = np.zeros((0, 2))
+        located = len(positions_m) > 1 and bool(np.ptp(positions_m, axis=0).max() > 0)
+        if not located:
+            positions_m = np.stack(
+                [spacing_m * np.arange(len(channels)), np.zeros(len(channels))], 1
+            )
+        centred = positions_m - positions_m.mean(axis=0)
+        axis = np.linalg.svd(centred)[2][0] if len(positions_m) > 1 else np.array([1.0, 0.0])
         along = centred @ axis
-        return cls(np.argsort(along, kind="stable"), place, along, axis, known)
+        return cls(np.argsort(along, kind="stable"), positions_m, along, axis, located)
 
     def source_m(self, trigger: Label | None) -> tuple[float, Array] | None:
         """Return how far along the line a shot is, and from each channel; None if unknown."""
         if trigger is None or trigger.x_m is None or trigger.y_m is None or not self.known:
             return None
-        place = np.array([trigger.x_m, trigger.y_m])
-        along = float((place - self.place.mean(axis=0)) @ self.axis)
-        return along, np.hypot(*(self.place - place).T)
+        position = np.array([trigger.x_m, trigger.y_m])
+        along = float((position - self.place.mean(axis=0)) @ self.axis)
+        return along, np.hypot(*(self.place - position).T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,10 +214,10 @@ class _Neighbours:
         side = np.zeros(len(along)) if shot.source is None else np.sign(along - shot.source[0])
         beside: list[NDArray[np.intp]] = [np.empty(0, np.intp)] * len(along)
         for one in np.unique(side):
-            own = np.flatnonzero(side == one)
-            own = own[np.argsort(along[own], kind="stable")]
-            for i, c in enumerate(own.tolist()):
-                near = np.delete(own[max(0, i - REACH) : i + REACH + 1], min(i, REACH))
+            side_channels = np.flatnonzero(side == one)
+            side_channels = side_channels[np.argsort(along[side_channels], kind="stable")]
+            for i, c in enumerate(side_channels.tolist()):
+                near = np.delete(side_channels[max(0, i - REACH) : i + REACH + 1], min(i, REACH))
                 if len(near) > 2 and np.ptp(along[near]) > 0:
                     beside[c] = near
         return cls(tuple(beside), along)
@@ -275,9 +277,9 @@ class _Picks:
         if shot.source is None or shot.trigger_s is None:
             return None
         along, far = shot.source
-        own, most = np.arange(self.tracked), None
+        picks, most = np.arange(self.tracked), None
         for side in (-1, 1):
-            near = own[np.sign(line.along_m[self.channel[own]] - along) == side]
+            near = picks[np.sign(line.along_m[self.channel[picks]] - along) == side]
             near = near[np.argsort(far[self.channel[near]], kind="stable")][:NEAREST]
             x, y = far[self.channel[near]], self.onset[near] / rate_hz - shot.trigger_s
             sigma = np.hypot(self.uncertainty[near] / rate_hz, BENT_S)
@@ -385,8 +387,8 @@ class FirstBreaks(Stage):
         if not self.parameters.trigger:
             return None
         first_ns = self.clock.time_of(start) - round(AHEAD_OF_RUN_S * NS_PER_S) * (start == 0)
-        own = [x for x in self.triggers if first_ns <= x.time_ns < self.clock.time_of(stop)]
-        return own[-1] if start == 0 and own else own[0] if own else None
+        triggers = [x for x in self.triggers if first_ns <= x.time_ns < self.clock.time_of(stop)]
+        return triggers[-1] if start == 0 and triggers else triggers[0] if triggers else None
 
     def _shot(self, rise: Array, trigger: Label | None) -> int | None:
         """Return at which sample of a stretch a shot begins to show itself; None without one."""
@@ -399,8 +401,8 @@ class FirstBreaks(Stage):
         if rises.shape[1] <= width:
             return None
         together = kernels.maxima.window_maxima(rises, width).mean(axis=0)
-        found = np.flatnonzero(together >= self.parameters.share)
-        return int(found[0] + width - 1) * self.cell if len(found) else None
+        cells = np.flatnonzero(together >= self.parameters.share)
+        return int(cells[0] + width - 1) * self.cell if len(cells) else None
 
     def _rise(self, samples: Array) -> Array:
         """Return the largest rise in each cell of a stretch, shape (n_channels, n_cells)."""
@@ -539,9 +541,9 @@ class FirstBreaks(Stage):
 
     def _candidates(self, picks: _Picks) -> Candidates:
         """Return candidates in order, at the times of their onsets."""
-        whole = np.floor(picks.onset)
-        after_ns = np.rint((picks.onset - whole) * NS_PER_S / self.rate_hz).astype(np.int64)
-        time_ns = self.clock.at(self.begin + whole.astype(np.intp)) + after_ns
+        onset_sample = np.floor(picks.onset)
+        after_ns = np.rint((picks.onset - onset_sample) * NS_PER_S / self.rate_hz).astype(np.int64)
+        time_ns = self.clock.at(self.begin + onset_sample.astype(np.intp)) + after_ns
         order = np.lexsort((picks.channel, time_ns))
         share = np.full(len(time_ns), picks.share)
         columns = (picks.rise, picks.deficit, share, picks.uncertainty / self.rate_hz)
@@ -561,7 +563,7 @@ class FirstBreaks(Stage):
         self, samples: Array, channel: NDArray[np.intp], anchor: NDArray[np.intp]
     ) -> tuple[Array, Array]:
         """Return the median of the onsets in all windows about samples, and their deviation."""
-        found, correlation = [], CORRELATION_S * self.rate_hz
+        picks, correlation = [], CORRELATION_S * self.rate_hz
         for before_s in BEFORE_S:
             for after_s in AFTER_S:
                 before, after = (
@@ -569,9 +571,9 @@ class FirstBreaks(Stage):
                 )
                 start = np.clip(anchor - before, 0, None)
                 length = np.minimum(anchor + after, len(samples)) - start
-                own = kernels.picker.onsets(samples, start, length, channel, correlation)
-                found.append((start + own[0], own[1]))
-        onset, deviation = np.array(found).transpose(1, 0, 2)
+                window_picks = kernels.picker.onsets(samples, start, length, channel, correlation)
+                picks.append((start + window_picks[0], window_picks[1]))
+        onset, deviation = np.array(picks).transpose(1, 0, 2)
         return np.median(onset, axis=0), np.hypot(
             onset.std(axis=0), np.sqrt((deviation**2).mean(axis=0))
         )
@@ -612,8 +614,8 @@ def rise_over_all_before(x: Array, length: int, lead: int) -> Array:
     at, early = np.arange(lead, len(power)), np.arange(1, length)
     before = np.concatenate([total[early] / early, highest[: len(power) - length]])[lead - 1 :]
     after = power[at]
-    known = (before > 0) & (after > 0)
-    rise[at[known]] = np.log(after[known] / before[known])
+    valid = (before > 0) & (after > 0)
+    rise[at[valid]] = np.log(after[valid] / before[valid])
     return rise
 
 

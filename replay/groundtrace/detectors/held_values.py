@@ -181,9 +181,12 @@ class StuckValues:
         least = _unlikely(np.fmin(before, after), line)
         values = row[left + starts[rows + 1] - 1]
         odd = (lengths[rows] >= least) | line.rails.near(values)
-        kept = long | ((after >= _steep(lengths[rows]) * line.step) & odd)
+        retained = long | ((after >= _steep(lengths[rows]) * line.step) & odd)
         yield from zip(
-            rows[kept].tolist(), before[kept].tolist(), after[kept].tolist(), strict=True
+            rows[retained].tolist(),
+            before[retained].tolist(),
+            after[retained].tolist(),
+            strict=True,
         )
 
     def _take(self, c: int, line: Line, run: _Run, before: float, after: float) -> None:
@@ -257,12 +260,12 @@ def _slopes(row: Row, at: NDArray[np.intp], side: int) -> NDArray[np.float64]:
     inside = (index >= 0) & (index < len(row))
     values = np.where(inside, row[np.clip(index, 0, len(row) - 1)], np.nan)
     jumps = np.abs(np.diff(values, axis=1))
-    known = inside.sum(axis=1) > LEAST_NEAR
+    valid = inside.sum(axis=1) > LEAST_NEAR
     out = np.full(len(at), np.nan)
-    if known.all():
+    if valid.all():
         out[:] = np.median(jumps, axis=1) if inside.all() else np.nanmedian(jumps, axis=1)
-    elif known.any():
-        out[known] = np.nanmedian(jumps[known], axis=1)
+    elif valid.any():
+        out[valid] = np.nanmedian(jumps[valid], axis=1)
     return out
 
 
@@ -272,8 +275,10 @@ def _equal(lengths: NDArray[np.intp]) -> float:
     Of rests of one, two, three and four samples each is by that chance rarer than the one before.
     """
     count = np.bincount(np.minimum(lengths, 5), minlength=5)[1:5].astype(np.float64)
-    told = count[:-1] >= ENOUGH
-    return min(float(np.max(count[1:] / np.fmax(count[:-1], 1), where=told, initial=0)), MOST_EQUAL)
+    sufficient = count[:-1] >= ENOUGH
+    return min(
+        float(np.max(count[1:] / np.fmax(count[:-1], 1), where=sufficient, initial=0)), MOST_EQUAL
+    )
 
 
 def _unlikely(slope: NDArray[np.float64], line: Line) -> NDArray[np.float64]:
@@ -295,33 +300,40 @@ def _steep(length: Any) -> Any:
     return np.maximum(CORNER * (2 / length + 2 * NEAR / length**2), LEAST_SLOPE)
 
 
-def held_findings(stream: Stream, column: int, line: Line, heard: int) -> Iterator[Finding]:
+def held_findings(stream: Stream, column: int, line: Line, total_samples: int) -> Iterator[Finding]:
     """Yield what stands still in one channel."""
     channel = stream.channels[column]
     if line.constant.events:
-        yield _constant(stream, channel, line, heard)
+        yield _constant(stream, channel, line, total_samples)
     rails = list(line.rails.found())
     if rails:
-        yield _clipped(stream, channel, rails, heard)
+        yield _clipped(stream, channel, rails, total_samples)
     if line.dropouts.events:
-        yield _dropouts(stream, channel, line.dropouts, heard)
+        yield _dropouts(stream, channel, line.dropouts, total_samples)
 
 
 def _finding(
-    stream: Stream, channel: Channel, kind: str, tally: FaultSpans, heard: int, *text: str
+    stream: Stream, channel: Channel, kind: str, tally: FaultSpans, total_samples: int, *text: str
 ) -> Finding:
-    share = tally.samples / heard
+    share = tally.samples / total_samples
     span = tally.start_ns, tally.end_ns
     return Finding(stream.topic, channel.name, kind, *span, tally.events, share, *text)
 
 
-def _constant(stream: Stream, channel: Channel, line: Line, heard: int) -> Finding:
+def _constant(stream: Stream, channel: Channel, line: Line, total_samples: int) -> Finding:
     tally = line.constant
     at = " and ".join(level(channel, value) for value in line.values)
-    if tally.samples == heard:
+    if tally.samples == total_samples:
         what, remedy = f"constant at {at} throughout", "look at its cable, or leave it out"
         return _finding(
-            stream, channel, "constant", tally, heard, what, "nothing is found on it", remedy
+            stream,
+            channel,
+            "constant",
+            tally,
+            total_samples,
+            what,
+            "nothing is found on it",
+            remedy,
         )
     if line.late_ns is not None and tally.events == 1:
         length_s = tally.samples / stream.rate_hz
@@ -330,18 +342,18 @@ def _constant(stream: Stream, channel: Channel, line: Line, heard: int) -> Findi
             channel,
             "late",
             tally,
-            heard,
+            total_samples,
             f"appears late: constant at {at} for the first {length_s:.3f} s",
             "until then it is as if it were not there",
             "look at when it was switched on",
         )
-    part = percent(tally.samples / heard)
+    part = percent(tally.samples / total_samples)
     return _finding(
         stream,
         channel,
         "constant",
         tally,
-        heard,
+        total_samples,
         f"constant at {at} {times(tally.events)} for 1 s or longer, {part} of the samples",
         *_still(channel),
     )
@@ -355,7 +367,7 @@ def _still(channel: Channel) -> tuple[str, str]:
 
 
 def _clipped(
-    stream: Stream, channel: Channel, rails: list[tuple[float, FaultSpans]], heard: int
+    stream: Stream, channel: Channel, rails: list[tuple[float, FaultSpans]], total_samples: int
 ) -> Finding:
     both = FaultSpans(
         sum(t.events for _, t in rails),
@@ -364,27 +376,27 @@ def _clipped(
         max(t.end_ns for _, t in rails),
     )
     at = " and ".join(level(channel, value) for value, _ in rails)
-    part = percent(both.samples / heard)
+    part = percent(both.samples / total_samples)
     scale = near_scale(channel, max(abs(value) for value, _ in rails) * channel.scale)
     return _finding(
         stream,
         channel,
         "clipped",
         both,
-        heard,
+        total_samples,
         f"clipped at {at}{scale} {times(both.events)}, {part} of the samples",
         *clipped_effect(channel),
     )
 
 
-def _dropouts(stream: Stream, channel: Channel, tally: FaultSpans, heard: int) -> Finding:
+def _dropouts(stream: Stream, channel: Channel, tally: FaultSpans, total_samples: int) -> Finding:
     longest = f"{tally.samples / stream.rate_hz / tally.events * 1e3:.3g} ms each on average"
     return _finding(
         stream,
         channel,
         "dropouts",
         tally,
-        heard,
+        total_samples,
         f"is stuck at one value {times(tally.events)}, {longest}",
         "what lies there is missed, and its edges may look like onsets",
         "look at the connection and at packets lost",
@@ -420,8 +432,8 @@ def full_scale(channel: Channel, level: float) -> str:
 
 def near_scale(channel: Channel, level: float) -> str:
     """Return words for the full scale that a level [SI] is near; empty where none is."""
-    found = full_scale(channel, level)
-    return f", near the full scale of {found}," if found else ""
+    scale = full_scale(channel, level)
+    return f", near the full scale of {scale}," if scale else ""
 
 
 def clipped_effect(channel: Channel) -> tuple[str, str]:

@@ -317,23 +317,23 @@ class Offsets:
                 )
 
 
-def _shift(mean: Array, own: Array) -> Array:
+def _shift(mean: Array, deviation: Array) -> Array:
     """Return by how much each level shifts in the middle of frames; 0 where it is not sure.
 
     Parameters
     ----------
-    mean, own
+    mean, deviation
         Shape (n_channels, 2 * SIDE): mean and standard deviation of each frame.
     """
     before, after = (np.sort(part, axis=1) for part in (mean[:, : SIDE - 1], mean[:, SIDE + 1 :]))
     middle = (SIDE - 1) // 2
     shift = after[:, middle] - before[:, middle]
     spread = np.maximum(before[:, -1] - before[:, 0], after[:, -1] - after[:, 0])
-    own = np.sort(own, axis=1)
-    noise = own[:, SIDE // 2]  # between steps
+    deviation = np.sort(deviation, axis=1)
+    noise = deviation[:, SIDE // 2]  # between steps
     least = np.maximum(STEP_SURE * spread, STEP_MATTERS * noise)
     # where a channel stands still it is dead: said elsewhere
-    return np.where((np.abs(shift) >= least) & (own[:, 0] > 0), shift, 0.0)
+    return np.where((np.abs(shift) >= least) & (deviation[:, 0] > 0), shift, 0.0)
 
 
 #: Second differences are looked at from so many times their mean in the window on. Chosen by
@@ -416,15 +416,15 @@ def _spikes(row: NDArray[np.floating], factor: float) -> list[int]:
         return []
     bend = row[1:-1] - (row[:-2] + row[2:]) * row.dtype.type(0.5)
     np.abs(bend, out=bend)
-    known = bend if not np.isnan(bend).any() else np.nan_to_num(bend)
-    found = []
-    for i in np.flatnonzero(known > LOUD * known.mean()).tolist():
-        highest = known[i] >= known[max(0, i - 1) : i + 2].max()
-        comes_back = abs(row[i + 2] - row[i]) <= BACK * known[i]
-        loud = known[i] > LOUD * known[max(0, i - LOCAL) : i + LOCAL].mean()
-        if highest and comes_back and loud and _alone(known, i, factor):
-            found.append(i + 1)
-    return found
+    finite_bend = bend if not np.isnan(bend).any() else np.nan_to_num(bend)
+    spikes = []
+    for i in np.flatnonzero(finite_bend > LOUD * finite_bend.mean()).tolist():
+        highest = finite_bend[i] >= finite_bend[max(0, i - 1) : i + 2].max()
+        comes_back = abs(row[i + 2] - row[i]) <= BACK * finite_bend[i]
+        loud = finite_bend[i] > LOUD * finite_bend[max(0, i - LOCAL) : i + LOCAL].mean()
+        if highest and comes_back and loud and _alone(finite_bend, i, factor):
+            spikes.append(i + 1)
+    return spikes
 
 
 def _alone(bend: NDArray[np.floating], i: int, factor: float) -> bool:

@@ -98,9 +98,9 @@ class _Stretches:
         self._rows = np.concatenate([self._rows, np.stack([recorded, band])], axis=2)
         # in steps of that length: the quantiles of a few samples cost as much as those of many
         count = max(0, self._rows.shape[2] // self.ahead - 1) * self.ahead
-        found = self._rows[:, :, :count], self._levels(count)
+        stretch = self._rows[:, :, :count], self._levels(count)
         self._rows = self._rows[:, :, count:]
-        return found
+        return stretch
 
     def flush(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the last samples: nothing follows them, so that no arrival is among them."""

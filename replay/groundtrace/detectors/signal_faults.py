@@ -220,10 +220,10 @@ class FaultDetectors:
         """Yield what was found; after the last :meth:`gap`."""
         clipped = set()
         for detector in self._detectors:
-            for found in detector.findings():
-                if found.kind != "clipped" or found.channel not in clipped:
-                    yield found
-                clipped |= {found.channel} if found.kind == "clipped" else set()
+            for finding in detector.findings():
+                if finding.kind != "clipped" or finding.channel not in clipped:
+                    yield finding
+                clipped |= {finding.channel} if finding.kind == "clipped" else set()
 
     def _update(self, windows: Iterable[Window]) -> None:
         for window in windows:
@@ -421,19 +421,19 @@ class NonFinite:
 
     def findings(self) -> Iterator[Finding]:
         """Yield one finding for each channel that has such samples."""
-        for channel, found in zip(self.stream.channels, self._found, strict=True):
-            if not found.events:
+        for channel, spans in zip(self.stream.channels, self._found, strict=True):
+            if not spans.events:
                 continue
-            share = found.samples / self._heard
+            share = spans.samples / self._heard
             yield Finding(
                 self.stream.topic,
                 channel.name,
                 "not finite",
-                found.start_ns,
-                found.end_ns,
-                found.events,
+                spans.start_ns,
+                spans.end_ns,
+                spans.events,
                 share,
-                f"NaN or infinite {times(found.events)}, {found.samples} samples "
+                f"NaN or infinite {times(spans.events)}, {spans.samples} samples "
                 f"({percent(share)})",
                 "the last finite value is held there, no onset is seen",
                 "look for overflows in what wrote the file",

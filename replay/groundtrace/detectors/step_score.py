@@ -149,15 +149,17 @@ class Weights(NamedTuple):
 def trained() -> Weights:
     """Return the weights that stand beside this file; to read only."""
     text = resources.files(__package__).joinpath("step_score.json").read_text("utf-8")
-    told = json.loads(text)
+    weights = json.loads(text)
     return Weights(
-        _network(told["moment"]), _network(told["candidate"]), np.array(told["usual"], np.float64)
+        _network(weights["moment"]),
+        _network(weights["candidate"]),
+        np.array(weights["usual"], np.float64),
     )
 
 
-def _network(told: dict[str, object]) -> Network:
-    hidden, bias, out = (np.array(told[name], np.float64) for name in ("hidden", "bias", "out"))
-    return Network(hidden, bias, out, float(told["offset"]))  # type: ignore[arg-type]
+def _network(weights: dict[str, object]) -> Network:
+    hidden, bias, out = (np.array(weights[name], np.float64) for name in ("hidden", "bias", "out"))
+    return Network(hidden, bias, out, float(weights["offset"]))  # type: ignore[arg-type]
 
 
 class Windows(NamedTuple):
@@ -218,8 +220,8 @@ class ForwardAxis:
         if not self._moving.end:
             return np.empty((2, 0))
         self._axis.add(self._mean(self._smooth.flush() * self._rate.flush()))
-        held = np.repeat(self._axis.values[:, -1:], round(AXIS_AHEAD_S * GRID_HZ), axis=1)
-        self._axis.add(held)
+        padding = np.repeat(self._axis.values[:, -1:], round(AXIS_AHEAD_S * GRID_HZ), axis=1)
+        self._axis.add(padding)
         return self._until(self._moving.end)
 
     def _until(self, end: int) -> Array:
@@ -231,10 +233,10 @@ class ForwardAxis:
         length = np.sqrt(np.einsum("cn,cn->n", axis, axis))
         dot = np.einsum("cn,cn->n", moving[1:], axis)
         forward = np.divide(dot, length, out=np.zeros_like(dot), where=length > 0)
-        found = np.stack([moving[0], forward])
+        components = np.stack([moving[0], forward])
         self._moving.discard_before(end)
         self._axis.discard_before(end + ahead)
-        return found
+        return components
 
 
 class SmoothedScales:
@@ -246,25 +248,25 @@ class SmoothedScales:
 
     def __call__(self, pair: Array) -> Array:
         """Take points, shape (2, n); return those that all scales have, shape (2 scales, m)."""
-        for smooth, kept in zip(self._filters, self._kept, strict=True):
-            kept.add(smooth(pair))
+        for smooth, buffer in zip(self._filters, self._kept, strict=True):
+            buffer.add(smooth(pair))
         return self._common()
 
     def flush(self) -> Array:
         """Return the points up to the end."""
-        for smooth, kept in zip(self._filters, self._kept, strict=True):
+        for smooth, buffer in zip(self._filters, self._kept, strict=True):
             left = smooth.flush()
             if left.shape[1]:
-                kept.add(left)
+                buffer.add(left)
         return self._common()
 
     def _common(self) -> Array:
         start = self._kept[0].first
-        end = min(kept.end for kept in self._kept)
-        found = np.concatenate([kept.between(start, end) for kept in self._kept])
-        for kept in self._kept:
-            kept.discard_before(end)
-        return found
+        end = min(buffer.end for buffer in self._kept)
+        points = np.concatenate([buffer.between(start, end) for buffer in self._kept])
+        for buffer in self._kept:
+            buffer.discard_before(end)
+        return points
 
 
 class TimeScale:
@@ -286,8 +288,8 @@ class TimeScale:
     def __call__(self, up: Array) -> Array:
         """Take the vertical acceleration of each scale, (scales, n); return logarithms, (1, m)."""
         self._up.add(up)
-        whole = self._up.values.shape[1] // _HOP * _HOP
-        return self._even(_own_scale(self._mean(self._squares(whole, _HOP))))
+        sample_count = self._up.values.shape[1] // _HOP * _HOP
+        return self._even(_own_scale(self._mean(self._squares(sample_count, _HOP))))
 
     def flush(self) -> Array:
         """Return those of the hops up to the end, of which the last may be short."""
@@ -295,8 +297,8 @@ class TimeScale:
         if not self._up.end:
             return np.empty((1, 0))
         short = self._squares(left, left) if left else np.empty((2 * len(SCALES), 0))
-        found = np.concatenate([self._mean(short), self._mean.flush()], axis=1)
-        return np.concatenate([self._even(_own_scale(found)), self._even.flush()], axis=1)
+        mean_squares = np.concatenate([self._mean(short), self._mean.flush()], axis=1)
+        return np.concatenate([self._even(_own_scale(mean_squares)), self._even.flush()], axis=1)
 
     def _squares(self, count: int, hop: int) -> Array:
         """Return mean squares of the next points and of their rates, hop by hop."""
@@ -317,20 +319,20 @@ def _own_scale(squares: Array) -> Array:
     count = len(SCALES)
     if not squares.shape[1]:
         return np.empty((1, 0))
-    usual = (2 * np.pi / USUAL_STEP_S) ** 2
+    omega_squared = (2 * np.pi / USUAL_STEP_S) ** 2
     # what a scale's frequency is told by is smoothed as the next scale is
     power, rates = squares[1:count], squares[count + 1 :]
     scales = np.log(SCALES[:-1])
-    ratio = (rates + _LITTLE * usual) / ((power + _LITTLE) * usual)
+    ratio = (rates + _LITTLE * omega_squared) / ((power + _LITTLE) * omega_squared)
     above = 0.5 * np.log(ratio) + scales[:, None]
     last = len(scales) - 1
     passed = above >= 0
-    place = np.clip(np.argmax(passed, axis=0), 1, last)
+    index = np.clip(np.argmax(passed, axis=0), 1, last)
     at = np.arange(above.shape[1])
-    low, high = above[place - 1, at], above[place, at]
+    low, high = above[index - 1, at], above[index, at]
     part = np.clip(np.divide(-low, high - low, out=np.ones_like(low), where=high != low), 0, 1)
-    found = scales[place - 1] + part * (scales[place] - scales[place - 1])
-    return np.asarray(np.where(passed.any(axis=0), found, scales[last])[None, :])
+    log_scale = scales[index - 1] + part * (scales[index] - scales[index - 1])
+    return np.asarray(np.where(passed.any(axis=0), log_scale, scales[last])[None, :])
 
 
 class StepWindows:
@@ -347,8 +349,8 @@ class StepWindows:
     def __call__(self, moving: Array) -> Windows:
         """Take accelerations, upward and level, shape (4, n); return the points known by now."""
         self._take(self._smoothed(self._axis(moving)))
-        known = (self._hops.end - 1) * _HOP + _HOP // 2
-        return self._until(min(known, self._points.end - _AHEAD))
+        complete_end = (self._hops.end - 1) * _HOP + _HOP // 2
+        return self._until(min(complete_end, self._points.end - _AHEAD))
 
     def flush(self) -> Windows:
         """Return the points up to the end."""
@@ -424,9 +426,9 @@ class ScorePeaks:
         self._kept = ColumnBuffer(4)
         self._next = 1  # a maximum has a neighbour on either side
 
-    def __call__(self, found: Scores, step_s: Array) -> Array:
+    def __call__(self, point_scores: Scores, step_s: Array) -> Array:
         """Take points; return the candidates whose surroundings are complete, (n, PEAKS)."""
-        self._kept.add(np.stack([*found, step_s]))
+        self._kept.add(np.stack([*point_scores, step_s]))
         peaks = self._until(self._kept.end - _NEAR)
         self._kept.discard_before(self._next - _NEAR)
         return peaks
@@ -439,7 +441,7 @@ class ScorePeaks:
         if end <= self._next:
             return np.empty((0, len(PEAKS)))
         span, self._next = (self._next, end), end
-        found: Array = kernels.steps.score_peaks(
+        peaks: Array = kernels.steps.score_peaks(
             self._kept.contiguous(),
             self._kept.first,
             span,
@@ -448,7 +450,7 @@ class ScorePeaks:
             GRID_HZ,
             (CONTACT_S, _CERTAIN_S),
         )
-        return found
+        return peaks
 
 
 class Surroundings:
@@ -460,7 +462,7 @@ class Surroundings:
         self._rows = np.empty((0, len(PEAKS)))
         self._looked = 0  # rows before this one were given already
 
-    def __call__(self, seen: Array, found: Scores, step_s: Array) -> tuple[Array, Array]:
+    def __call__(self, seen: Array, point_scores: Scores, step_s: Array) -> tuple[Array, Array]:
         """Take points; return candidates whose surroundings are complete, and these.
 
         Returns
@@ -468,7 +470,7 @@ class Surroundings:
         Candidates, shape (k, PEAKS), and their surroundings, shape (k, inputs).
         """
         self._seen.add(seen.T)
-        self._rows = np.concatenate([self._rows, self._peaks(found, step_s)])
+        self._rows = np.concatenate([self._rows, self._peaks(point_scores, step_s)])
         return self._until(self._seen.end - _NEAR - _LOOKED_AHEAD)
 
     def flush(self) -> tuple[Array, Array]:
@@ -484,8 +486,8 @@ class Surroundings:
         inputs = [surroundings(self._rows, odds, row, self._seen) for row in ready]
         rows = self._rows[start : self._looked]
         if len(rows):
-            kept = int(np.searchsorted(places, places[self._looked - 1] - _REMEMBERED))
-            self._rows, self._looked = self._rows[kept:], self._looked - kept
+            first_row = int(np.searchsorted(places, places[self._looked - 1] - _REMEMBERED))
+            self._rows, self._looked = self._rows[first_row:], self._looked - first_row
         self._seen.discard_before(max(end, 0) + _BANDS[0][0] - 1)
         return rows, np.array(inputs).reshape(len(rows), INPUTS)
 
@@ -509,20 +511,20 @@ def surroundings(rows: Array, odds: Array, row: int, seen: ColumnBuffer) -> Arra
     Logarithm of the candidate's odds, time to a higher one, standard deviation of the time, step
     time; the best odds of neighbours; accelerations at :data:`TAPS`; logarithms of their strength.
     """
-    own = rows[row]
-    place, step_s = round(own[0]), own[6]
-    away = (rows[:, 0] - own[0]) / (GRID_HZ * step_s)
-    ahead = rows[:, 0] - own[0] <= _LOOKED_AHEAD
+    candidate = rows[row]
+    index, step_s = round(candidate[0]), candidate[6]
+    away = (rows[:, 0] - candidate[0]) / (GRID_HZ * step_s)
+    ahead = rows[:, 0] - candidate[0] <= _LOOKED_AHEAD
     best = [_best(odds[(-away > low) & (-away <= high)]) for low, high in _NEIGHBOURS]
     best += [
         _best(odds[(away > low) & (away <= high) & ahead]) for low, high in _NEIGHBOURS[:_AFTER]
     ]
     middle = [len(TAPS) // 2, len(TAPS) + len(TAPS) // 2]
-    strength = [_strength(seen.between(place + low, place + high)[middle]) for low, high in _BANDS]
-    at = min(max(place, seen.first), seen.end - 1)
+    strength = [_strength(seen.between(index + low, index + high)[middle]) for low, high in _BANDS]
+    at = min(max(index, seen.first), seen.end - 1)
     return np.concatenate(
         [
-            [odds[row], own[2], own[5], step_s, *best],
+            [odds[row], candidate[2], candidate[5], step_s, *best],
             seen.between(at, at + 1)[:, 0],
             *strength,
         ]
@@ -531,8 +533,8 @@ def surroundings(rows: Array, odds: Array, row: int, seen: ColumnBuffer) -> Arra
 
 def _odds(likeness: Array) -> Array:
     """Return the logarithm of odds, within what is told apart."""
-    kept = likeness.clip(_SURE, 1 - _SURE)
-    return np.asarray(np.log(kept / (1 - kept)))
+    clipped = likeness.clip(_SURE, 1 - _SURE)
+    return np.asarray(np.log(clipped / (1 - clipped)))
 
 
 def _best(odds: Array) -> float:

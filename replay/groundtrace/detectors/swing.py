@@ -193,5 +193,5 @@ def _falls_first(relative: NDArray[np.float64], turn: float) -> bool:
 
 def extreme(way: NDArray[np.float64], turn: float) -> int:
     """Return the index of the highest value before the signal has come back by ``turn``."""
-    turned = np.flatnonzero(np.maximum.accumulate(way) - way >= turn)
-    return int(np.argmax(way[: turned[0]] if len(turned) else way))
+    reversals = np.flatnonzero(np.maximum.accumulate(way) - way >= turn)
+    return int(np.argmax(way[: reversals[0]] if len(reversals) else way))

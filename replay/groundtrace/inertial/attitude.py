@@ -169,9 +169,9 @@ class Attitude:
 
     def reset(self, rows: slice, covariance: Array) -> None:
         """Let some of the errors be independent of the others, with this covariance."""
-        whole = self.state["covariance"]
-        whole[rows, :] = whole[:, rows] = 0.0
-        whole[rows, rows] = covariance
+        state_covariance = self.state["covariance"]
+        state_covariance[rows, :] = state_covariance[:, rows] = 0.0
+        state_covariance[rows, rows] = covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,19 +299,19 @@ class HeadingFrames(Sequence[HeadingFrame]):
     def __getitem__(self, index: int | slice) -> HeadingFrame | list[HeadingFrame]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        place = range(len(self))[index]
-        rows = slice(int(self.first[place]), int(self.first[place + 1]))
+        frame_index = range(len(self))[index]
+        rows = slice(int(self.first[frame_index]), int(self.first[frame_index + 1]))
         return HeadingFrame(
             self.time_ns[rows],
             self.orientation[rows],
             self.heading_rad[rows],
-            float(self.sigma_rad[place]),
-            self.bias[place],
-            self.values[place],
-            bool(self.undisturbed[place]),
-            bool(self.compass[place]),
-            bool(self.resting[place]),
-            self.notes.get(place, ()),
+            float(self.sigma_rad[frame_index]),
+            self.bias[frame_index],
+            self.values[frame_index],
+            bool(self.undisturbed[frame_index]),
+            bool(self.compass[frame_index]),
+            bool(self.resting[frame_index]),
+            self.notes.get(frame_index, ()),
         )
 
 

@@ -151,9 +151,9 @@ class _Series:
         knots, wanted = (self.time_ns - start).astype(float), (times - start).astype(float)
         values = np.stack([np.interp(wanted, knots, column) for column in self.values.T], axis=1)
         if hold_ns is not None:
-            place = np.searchsorted(self.time_ns, times)
+            index = np.searchsorted(self.time_ns, times)
             last = len(self.time_ns) - 1
-            before, after = np.clip(place - 1, 0, last), np.clip(place, 0, last)
+            before, after = np.clip(index - 1, 0, last), np.clip(index, 0, last)
             before_ns, after_ns = times - self.time_ns[before], self.time_ns[after] - times
             # what ends such a gap may be heard of too late to be taken in
             broken = before_ns + after_ns > PATIENCE_NS
@@ -203,8 +203,8 @@ class SensorAligner:
 
     def update(self, block: SignalBlock) -> None:
         """Take the quantities of a block, every sample finite."""
-        held = self._holders.setdefault(block.topic, NonFiniteHold()).held(block)
-        values, times = held.values, held.sample_times()
+        finite = self._holders.setdefault(block.topic, NonFiniteHold()).held(block)
+        values, times = finite.values, finite.sample_times()
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):
                 unit = block.stream.channels[columns[0]].unit

@@ -106,21 +106,21 @@ class HeadingEstimator:
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
-        whole = joined([*self._waiting, samples])
-        count = len(whole) // self.length * self.length
-        self._waiting = [whole.rows(count, len(whole))]
-        found: list[HeadingFrames] = []
+        buffered = joined([*self._waiting, samples])
+        count = len(buffered) // self.length * self.length
+        self._waiting = [buffered.rows(count, len(buffered))]
+        frames: list[HeadingFrames] = []
         at = 0
         while at < count:
-            found.append(self._next(whole.rows(at, count), self.length))
-            at += len(found[-1]) * self.length
-        return HeadingFrames.concatenate(found) if found else []
+            frames.append(self._next(buffered.rows(at, count), self.length))
+            at += len(frames[-1]) * self.length
+        return HeadingFrames.concatenate(frames) if frames else []
 
     def flush(self) -> Sequence[HeadingFrame]:
         """Return the last, shorter frame."""
         left, self._waiting = self._waiting, []
-        found = [self._next(part, len(part)) for part in left if len(part)]
-        return HeadingFrames.concatenate(found) if found else []
+        frames = [self._next(part, len(part)) for part in left if len(part)]
+        return HeadingFrames.concatenate(frames) if frames else []
 
     def _next(self, samples: Samples, length: int) -> HeadingFrames:
         """Go on by the next frames, at least one."""
@@ -315,11 +315,11 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
         count = max(int(np.argmax(sees)) if sees.any() else count, 1)
     rows = count * length
     orientation, heading = np.empty((rows, 4)), np.empty(rows)
-    told, frame = np.zeros(count, kernels.attitude.TOLD), np.zeros((), kernels.attitude.FRAME)
-    told["tests"] = told["compass_rad"] = np.nan
+    outputs, frame = np.zeros(count, kernels.attitude.TOLD), np.zeros((), kernels.attitude.FRAME)
+    outputs["tests"] = outputs["compass_rad"] = np.nan
     compass.make_room(state, int(p["deviation_frames"]), count)
     given = (np.ascontiguousarray(samples.rate), np.ascontiguousarray(samples.force), field, length)
-    into = (compass.norms, compass.azimuths, orientation, heading, told)
+    into = (compass.norms, compass.azimuths, orientation, heading, outputs)
     records, at = (state[()], frame[()], p[()], one.axis), 0
     while (at := kernels.attitude.filter_frames(*given, at, *records, *into)) < count:
         late, moved = frame["delay_sums"].tolist()
@@ -327,24 +327,27 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
         if compass.judge(attitude, frame, length / one.rate_hz, p):
             state["delay_sums"] += late + delay_s * moved, moved
         else:
-            told["passed"][at] = 0.0
-        told["tests"][at], told["gyro_bias"][at] = frame["tests"], state["gyro_bias"]
+            outputs["passed"][at] = 0.0
+        outputs["tests"][at], outputs["gyro_bias"][at] = frame["tests"], state["gyro_bias"]
         at += 1
     compass.make_room(state, int(p["deviation_frames"]), 0)
-    alone = np.stack([told["gyroscope_rad"], told["compass_rad"]], axis=1) + heading[::length, None]
+    alone = (
+        np.stack([outputs["gyroscope_rad"], outputs["compass_rad"]], axis=1)
+        + heading[::length, None]
+    )
     alone = np.degrees((alone + math.pi) % (2 * math.pi) - math.pi)
-    seen, passed = np.isfinite(told["compass_rad"]), told["passed"] > 0
+    seen, passed = np.isfinite(outputs["compass_rad"]), outputs["passed"] > 0
     return HeadingFrames(
         time_ns=samples.time_ns[:rows],
         orientation=orientation,
         heading_rad=heading,
         first=np.arange(0, rows + 1, length),
-        sigma_rad=told["sigma_rad"],
-        bias=told["gyro_bias"],
-        values=np.concatenate([told["tests"], alone], axis=1),
+        sigma_rad=outputs["sigma_rad"],
+        bias=outputs["gyro_bias"],
+        values=np.concatenate([outputs["tests"], alone], axis=1),
         undisturbed=passed,
         compass=seen,
-        resting=told["resting"] > 0,
+        resting=outputs["resting"] > 0,
         notes=one.calibrate(samples.field[length // 2 : rows : length], seen, passed),
     )
 
@@ -485,22 +488,22 @@ class HeadingStage(Stage):
     def _headings(self, frames: HeadingFrames) -> Iterator[Heading]:
         """Return the headings that are due."""
         every_ns = max(NS_PER_S / self.parameters.output_hz, self._period_ns)
-        due = []
-        for place, time_ns in enumerate(frames.time_ns.tolist()):
+        rows = []
+        for row, time_ns in enumerate(frames.time_ns.tolist()):
             if self._due_ns is None or time_ns >= self._due_ns - self._period_ns / 2:
-                due.append(place)
+                rows.append(row)
                 self._due_ns = round(max(self._due_ns or 0, time_ns - every_ns / 2) + every_ns)
-        sigma = np.repeat(frames.sigma_rad, frames.lengths)[due]
-        columns = (frames.time_ns[due], frames.heading_rad[due], sigma)
+        sigma = np.repeat(frames.sigma_rad, frames.lengths)[rows]
+        columns = (frames.time_ns[rows], frames.heading_rad[rows], sigma)
         return map(Heading, *(x.tolist() for x in columns), repeat(self._stage))
 
     def _notes(self, frames: HeadingFrames) -> Iterator[Note]:
         """Yield what a person should know, each once."""
-        for place, texts in frames.notes.items():
+        for frame_index, texts in frames.notes.items():
             for text in texts:
                 if text not in self._told:
                     self._told |= {text}
-                    time_ns = int(frames.time_ns[frames.first[place + 1] - 1])
+                    time_ns = int(frames.time_ns[frames.first[frame_index + 1] - 1])
                     yield Note(time_ns, f"{self._topic}: {text}", "INFO", self._stage)
 
 

@@ -135,10 +135,10 @@ class AzimuthKalman:
 
     def advance(self, dt_s: float, walk_rad2: float) -> float:
         """Predict; the azimuth's increment is applied at once, so that it is 0 again."""
-        kept = np.exp(-dt_s / self.memory_s)
+        decay = np.exp(-dt_s / self.memory_s)
         f = self._filter
-        f.F = np.array([[1.0, -dt_s], [0.0, kept]])
-        f.Q = np.diag([walk_rad2, self.bias_rps**2 * (1 - kept**2)])
+        f.F = np.array([[1.0, -dt_s], [0.0, decay]])
+        f.Q = np.diag([walk_rad2, self.bias_rps**2 * (1 - decay**2)])
         f.predict()
         return self._applied()
 

@@ -108,8 +108,8 @@ class InsTrajectory:
     @property
     def usual_mps(self) -> float:
         """How fast the foot swings: in the last swings, or in the one under way."""
-        usual = float(np.median(self._swings)) if self._swings else 0.0
-        return max(usual, float(self.filter.state["fastest_mps"]), SLOWEST_MPS)
+        median_mps = float(np.median(self._swings)) if self._swings else 0.0
+        return max(median_mps, float(self.filter.state["fastest_mps"]), SLOWEST_MPS)
 
     def predict(self, segment: Segment, *, still: bool, stands: bool) -> float:
         """Go on by a segment.
@@ -168,8 +168,8 @@ class InsTrajectory:
 
     def told(self) -> list[TrackPoint]:
         """Return the points that are known by now."""
-        told, self._told = self._told, []
-        return told
+        points, self._told = self._told, []
+        return points
 
     def _set(self) -> None:
         """Put the parameters where compiled functions find them."""
@@ -227,8 +227,8 @@ class InsTrajectory:
         elif rests or lost:
             kernels.navigation.speed_update(state, sigma)
             state["swung_s"] = 0.0
-        due = segment.time_ns - state["pointed_ns"] >= p.point_s * NS_PER_S
-        shown = accepted is True or bool(due)
+        point_is_due = segment.time_ns - state["pointed_ns"] >= p.point_s * NS_PER_S
+        shown = accepted is True or bool(point_is_due)
         if shown or stands or rests or lost:
             self._remember(segment.time_ns, shown, predicted, spread, nis)
         return self.told()
@@ -273,33 +273,33 @@ class InsTrajectory:
         if not (self.parameters.smooth and len(knots)):
             return
         begin, times, longest_ns = 0, knots["time_ns"].tolist(), self.parameters.smooth_s * NS_PER_S
-        for place in np.flatnonzero(knots["shown"]).tolist():
+        for index in np.flatnonzero(knots["shown"]).tolist():
             first = int(self._knots[0]["time_ns"][0]) if self._knots else times[begin]
-            if times[place] - first > longest_ns:
-                self._knots.append(knots[begin : place + 1])
+            if times[index] - first > longest_ns:
+                self._knots.append(knots[begin : index + 1])
                 self._told += self._smoothed()[:-1]
-                self._knots, begin = [knots[place : place + 1]], place + 1
+                self._knots, begin = [knots[index : index + 1]], index + 1
         if begin < len(knots):
             self._knots.append(knots[begin:])
 
     def _smoothed(self) -> list[TrackPoint]:
         """Return the points of all knots that are kept as all of them tell."""
-        told: list[list[TrackPoint]] = []
+        smoothed: list[list[TrackPoint]] = []
         if not self._knots:
             return []
         last = self._knots[-1][-1:]
         state = np.zeros((), kernels.navigation.STATE)
         state["pose"], state["covariance"] = last["pose"][0], last["covariance"][0]
-        told.append(self._points(last, self.stage + SMOOTHED, NO_NIS))
+        smoothed.append(self._points(last, self.stage + SMOOTHED, NO_NIS))
         later = last
         for part in [*self._knots[:-1], self._knots[-1][:-1]][::-1]:
             if not len(part):
                 continue
             poses, planar = np.empty((len(part), POSE)), np.empty((len(part), 3))
             kernels.navigation.smooth(part, later[0], state[()], poses, planar)
-            told.append(self._points(part, self.stage + SMOOTHED, NO_NIS, poses, planar))
+            smoothed.append(self._points(part, self.stage + SMOOTHED, NO_NIS, poses, planar))
             later = part
-        return [point for points in told[::-1] for point in points]
+        return [point for points in smoothed[::-1] for point in points]
 
     def _points(
         self,
@@ -314,15 +314,15 @@ class InsTrajectory:
         if not len(rows):
             return []
         pose = knots["pose"] if pose is None else pose
-        own = (
+        covariance = (
             knots["covariance"][rows[:, None], PLANE[0], PLANE[1]]
             if planar is None
             else planar[rows]
         )
         moved = pose[rows[:, None], COLUMNS]
         x, y = (SHORT * moved[:, :2]).T  # all strides are short or long together
-        own = own + np.column_stack([x * x, x * y, y * y])
-        columns = (knots["time_ns"][rows], moved, own)
+        covariance = covariance + np.column_stack([x * x, x * y, y * y])
+        columns = (knots["time_ns"][rows], moved, covariance)
         return [
             TrackPoint(time_ns, number, x, y, vx, vy, (xx, xy, yy), stage, nis)
             for time_ns, (x, y, vx, vy), (xx, xy, yy) in zip(
@@ -361,8 +361,8 @@ class HeldRates:
         """Take the next segments."""
         period_s = float(segments.interval_s[0, 0]) if len(segments) else 0.0
         least_s = max(WARNED_S, (WARNED_SAMPLES - 0.5) * period_s)
-        for place in np.flatnonzero(segments.held_s >= least_s):
-            time_ns, held_s = int(segments.time_ns[place]), float(segments.held_s[place])
+        for index in np.flatnonzero(segments.held_s >= least_s):
+            time_ns, held_s = int(segments.time_ns[index]), float(segments.held_s[index])
             if not self.count:
                 self.first_ns, self.first_s = time_ns, held_s
             if held_s > self.longest_s:
@@ -473,8 +473,8 @@ class FootNavigator(Stage):
             text = f"{block.topic}: a swing of a foot needs {LEAST_RATE_HZ:g} Hz to be followed"
             yield Note(block.start_ns, f"{text}, found {rate_hz:g}", "WARN", self.stage)
         self._rate_told = True
-        held = self._holder.held(block.select(self._columns))
-        values = held.values
+        finite = self._holder.held(block.select(self._columns))
+        values = finite.values
         if values.shape[1] < SIGNAL_COLUMNS:
             values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)
         yield from self._navigate(self._segments.add(block.sample_times(), values))
@@ -497,9 +497,9 @@ class FootNavigator(Stage):
 
     def _navigate(self, segments: SegmentRun) -> Iterator[Output]:
         """Go on by segments, each with which a stance may begin decided before the next."""
-        at, held = 0, self._held.count
+        at, previous_count = 0, self._held.count
         self._held.add(segments)
-        if self._held.count and not held:
+        if self._held.count and not previous_count:
             text = f"{self._topic}: {self._held.warning()}"
             yield Note(self._held.first_ns, text, "WARN", self.stage)
         while at < len(segments):
@@ -507,9 +507,9 @@ class FootNavigator(Stage):
             yield from points
             if at < len(segments):
                 self._segment = segments[at]
-                found = self.measure(self._segment)
-                if len(found):
-                    yield found
+                candidates = self.measure(self._segment)
+                if len(candidates):
+                    yield candidates
                 else:
                     yield from self.follow(self._segment, None)
                 at += 1
@@ -588,10 +588,10 @@ def inertial_columns(stream: Stream) -> list[int] | None:
     """
     columns = []
     for quantity in (*QUANTITIES, "magnetic_field"):
-        found = columns_of_axes(stream, quantity)
-        if not found and quantity in QUANTITIES:
+        axis_columns = columns_of_axes(stream, quantity)
+        if not axis_columns and quantity in QUANTITIES:
             return None
-        columns += found
+        columns += axis_columns
     return columns
 
 

@@ -154,8 +154,8 @@ def _fused(
         weinberg=constants.get("weinberg", fusing.weinberg),
         cadence_part=constants.get("cadence_part", fusing.cadence_part),
     )
-    told = lengths(both)
-    scale = distance_m / float(told @ parts)
-    found = {"weinberg": scale * both.weinberg, "cadence_part": scale * both.cadence_part}
-    spread = float(told.std() / told.mean())
-    return CalibratedModel("fused", float(lengths(fusing).sum()), found, spread)
+    lengths_m = lengths(both)
+    scale = distance_m / float(lengths_m @ parts)
+    fitted = {"weinberg": scale * both.weinberg, "cadence_part": scale * both.cadence_part}
+    spread = float(lengths_m.std() / lengths_m.mean())
+    return CalibratedModel("fused", float(lengths(fusing).sum()), fitted, spread)

@@ -384,13 +384,13 @@ def fit_ellipsoid(fields: Array) -> Ellipsoid | None:
 
 def _robust(x: Array, solve: Callable[[Array, Array], Fit | None], start: Fit) -> Fit | None:
     """Solve again and again, with less weight on what lies off (Geman and McClure)."""
-    found, failed = start, True
+    fit, failed = start, True
     for _ in range(ROUNDS):
-        made = solve(x, _weights(x, found))
+        made = solve(x, _weights(x, fit))
         if made is None:
-            return None if failed else found
-        found, failed = made, False
-    return found
+            return None if failed else fit
+        fit, failed = made, False
+    return fit
 
 
 def _weights(x: Array, fit: Fit) -> Array:
@@ -418,8 +418,8 @@ def _sphere(x: Array, weight: Array) -> Fit | None:
     root = np.sqrt(weight)[:, None]
     rows = np.concatenate([2 * x, np.ones((len(x), 1))], axis=1)
     squares = np.einsum("ij,ij->i", x, x)[:, None]
-    found = np.linalg.lstsq(rows * root, squares * root, rcond=None)[0][:, 0]
-    return found[:3], np.eye(3)
+    solution = np.linalg.lstsq(rows * root, squares * root, rcond=None)[0][:, 0]
+    return solution[:3], np.eye(3)
 
 
 def _quadric(x: Array, weight: Array) -> Fit | None:
@@ -499,33 +499,33 @@ class Calibration:
         """
         self._failed += failed
         self._keep(raws)
-        due = self.ellipsoid is None and len(raws) and self._seen >= LEAST
-        if not due or self._seen % TRY_EVERY or self._failed < FAILING * self._seen:
+        is_due = self.ellipsoid is None and len(raws) and self._seen >= LEAST
+        if not is_due or self._seen % TRY_EVERY or self._failed < FAILING * self._seen:
             return False
-        kept = np.array(self._kept)
-        turned = apart(kept)
-        found = fit_ellipsoid(turned) if len(turned) >= LEAST_APART else None
-        self.wanting = found is None and self._failed > 2 * FAILING * self._seen
-        if found is None or not EARTH_T[0] < found.radius < EARTH_T[1]:
+        fields = np.array(self._kept)
+        spaced = apart(fields)
+        ellipsoid = fit_ellipsoid(spaced) if len(spaced) >= LEAST_APART else None
+        self.wanting = ellipsoid is None and self._failed > 2 * FAILING * self._seen
+        if ellipsoid is None or not EARTH_T[0] < ellipsoid.radius < EARTH_T[1]:
             return False
-        if float(np.linalg.norm(found.centre)) < SMALL * found.radius:
+        if float(np.linalg.norm(ellipsoid.centre)) < SMALL * ellipsoid.radius:
             return False
-        off = np.abs(np.linalg.norm(found.corrected(kept), axis=1) / found.radius - 1)
+        off = np.abs(np.linalg.norm(ellipsoid.corrected(fields), axis=1) / ellipsoid.radius - 1)
         if float((off <= EXPLAINED).mean()) < WHOLE:
             return False
-        self.ellipsoid = found
+        self.ellipsoid = ellipsoid
         return True
 
 
 def apart(fields: Array) -> Array:
     """Return fields, shape (n, 3), without those near to the one kept before."""
     least = APART * float(np.median(np.linalg.norm(fields, axis=1)))
-    rows, found = fields.tolist(), [0]
+    rows, indices = fields.tolist(), [0]
     for i, (x, y, z) in enumerate(rows):
-        a, b, c = rows[found[-1]]
+        a, b, c = rows[indices[-1]]
         if max(abs(x - a), abs(y - b), abs(z - c)) > least:
-            found.append(i)
-    return np.asarray(fields[found[: len(rows)]])
+            indices.append(i)
+    return np.asarray(fields[indices[: len(rows)]])
 
 
 @dataclass(slots=True)

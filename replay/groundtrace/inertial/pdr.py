@@ -145,23 +145,23 @@ class PedestrianDeadReckoning:
         if step is None or not accepted:
             return []
         stride = step.stride
-        said: list[TrackPoint | Heading | Note] = []
+        outputs: list[TrackPoint | Heading | Note] = []
         if self._track is None:
-            said += self._begin(step.begin_ns)
+            outputs += self._begin(step.begin_ns)
         track = self._track
         assert track is not None  # begun by now
-        said += self._take_places(track, stride.time_ns)
+        outputs += self._take_places(track, stride.time_ns)
         rested_s = stride.rested_s - self._rested_s
         self._last_ns, self._rested_s = stride.time_ns, stride.rested_s
         stride = Stride(stride.time_ns, stride.length_m, stride.heading_rad, stride.sight, rested_s)
         facing = self._facing
-        said += track.step(stride, facing.turn_rad, settled=facing.settled)
+        outputs += track.step(stride, facing.turn_rad, settled=facing.settled)
         azimuth = wrap_angle(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
         sigma = track.filter.azimuth_sigma_rad
-        said.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
+        outputs.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
         if facing.news:
-            said.append(Note(stride.time_ns, facing.news, source=self.stage))
-        return said
+            outputs.append(Note(stride.time_ns, facing.news, source=self.stage))
+        return outputs
 
     @property
     def field_told(self) -> str:
@@ -212,14 +212,14 @@ class PedestrianDeadReckoning:
             way=math.radians(p.way_deg),
             wander=ANYHOW if p.azimuth == "compass" else 0.0,
         )
-        place, sigma_m = self.origin, 0.0
+        position, sigma_m = self.origin, 0.0
         if self._places and not self._went:
             seen = next((k for k in self._places[::-1] if k.time_ns <= time_ns), self._places[0])
             away_m = WALK_MPS * abs(seen.time_ns - time_ns) / NS_PER_S
-            place, sigma_m = (seen.x_m, seen.y_m), math.hypot(seen.sigma_m, away_m)
+            position, sigma_m = (seen.x_m, seen.y_m), math.hypot(seen.sigma_m, away_m)
             self._places = [k for k in self._places if k.time_ns > time_ns]
         learns = p.updates in ("waypoints", "gnss")
-        walker = ReckoningFilter(noise, np.array(place), sigma_m, learns_scale=learns)
+        walker = ReckoningFilter(noise, np.array(position), sigma_m, learns_scale=learns)
         smooth_s = p.smooth_s if p.smooth else 0.0
         direction_rad = math.radians(p.direction_deg)
         self._track = Track(walker, time_ns, self.stage, self.number, smooth_s, direction_rad)
@@ -229,8 +229,8 @@ class PedestrianDeadReckoning:
         """Take in the known places up to a time."""
         points = []
         while self._places and self._places[0].time_ns <= until_ns:
-            known = self._places.pop(0)
-            points += track.fix(known.time_ns, np.array([known.x_m, known.y_m]), known.sigma_m)
+            fix = self._places.pop(0)
+            points += track.fix(fix.time_ns, np.array([fix.x_m, fix.y_m]), fix.sigma_m)
         return points
 
 
@@ -429,8 +429,8 @@ class DeadReckoning(Stage):
             while len(self._sensors) > 1 and step.time_ns > self._sensors[0].end_ns:
                 yield from self._interrupt(step.time_ns)
             sensor = self._sensors[0]
-            known = final or self._complete(step.time_ns)
-            if sensor.motion is None or not known or sensor.end_ns < 0:
+            is_complete = final or self._complete(step.time_ns)
+            if sensor.motion is None or not is_complete or sensor.end_ns < 0:
                 return
             self._steps.pop(0)
             self._know(step.time_ns + LATE_NS)
@@ -460,12 +460,12 @@ class DeadReckoning(Stage):
             expected = "expected a gyroscope and an accelerometer of three axes"
             text = f"{topic}: {len(self._steps)} steps lead nowhere: {expected}, found none"
             yield Note(self._steps[0].time_ns, text, "WARN", stage)
-        if told := self._reckoner.field_told:
-            yield Note(self._sensors[-1].end_ns, f"{topic}: {told}", "INFO", stage)
+        if field_note := self._reckoner.field_told:
+            yield Note(self._sensors[-1].end_ns, f"{topic}: {field_note}", "INFO", stage)
         for remark in dict.fromkeys(sensor.remark for sensor in self._sensors if sensor.remark):
             yield Note(self._sensors[-1].end_ns, remark, "WARN", stage)
-        if held := sum(sensor.held for sensor in self._sensors):
-            text = f"{topic}: {held} samples not finite, last value held"
+        if held_count := sum(sensor.held for sensor in self._sensors):
+            text = f"{topic}: {held_count} samples not finite, last value held"
             yield Note(self._sensors[-1].end_ns, text, "WARN", stage)
 
 

@@ -110,9 +110,9 @@ class Track:
             self._settled, self._fixes = True, []
         return [self._point(self._knots.moment(-1), before, self.stage), *self._due()]
 
-    def fix(self, time_ns: int, place: Array, sigma_m: float) -> list[TrackPoint]:
+    def fix(self, time_ns: int, position: Array, sigma_m: float) -> list[TrackPoint]:
         """Take in where the walker was at a time, shape (2,) [m]; return the point."""
-        fix = Fix(time_ns, place, sigma_m)
+        fix = Fix(time_ns, position, sigma_m)
         self.direction_rad = 0.0
         self._aim(fix)
         before = self._knots.moment(-1)
@@ -201,10 +201,10 @@ class Track:
         return points
 
     def _smoothed(self) -> list[TrackPoint]:
-        stage, found = self.stage + SMOOTHED, self._knots.smoothed()
+        stage, nodes = self.stage + SMOOTHED, self._knots.smoothed()
         return [
             self._point(now, before, stage)
-            for before, now in zip([None, *found[:-1]], found, strict=True)
+            for before, now in zip([None, *nodes[:-1]], nodes, strict=True)
         ]
 
     def _point(
@@ -275,7 +275,7 @@ class ReckoningFilter:
     ----------
     noise
         What steps and sensors are taken for.
-    place
+    position
         Where the walk begins, shape (2,) [m].
     sigma_m
         Its standard deviation, per axis [m].
@@ -284,13 +284,13 @@ class ReckoningFilter:
     """
 
     def __init__(
-        self, noise: ReckoningNoise, place: Array, sigma_m: float, *, learns_scale: bool
+        self, noise: ReckoningNoise, position: Array, sigma_m: float, *, learns_scale: bool
     ) -> None:
         self.noise = noise
         self.noise_record = noise.record
         self.learns_scale = learns_scale
         self.state = np.zeros(SIZE)
-        self.state[PLACE] = place
+        self.state[PLACE] = position
         sigmas = [sigma_m, sigma_m, math.pi, noise.drift, noise.mount, noise.scale]
         self.covariance = np.diag(np.square(sigmas))
         self.origin = self.state[PLACE].copy()
@@ -347,10 +347,10 @@ class ReckoningFilter:
         given = (offset_rad, sigma_rad, repeats)
         kernels.reckoning.azimuth_update(self.state, self.covariance, *given, _room())
 
-    def fix(self, place: Array, sigma_m: float) -> float:
+    def fix(self, position: Array, sigma_m: float) -> float:
         """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""
         spread = self.covariance[PLACE, PLACE] + sigma_m**2 * np.eye(2)
-        off = place - self.state[PLACE]
+        off = position - self.state[PLACE]
         gain = np.linalg.solve(spread, self.covariance[PLACE, :]).T
         if not self.learns_scale:
             gain[SCALE] = 0.0
@@ -360,12 +360,12 @@ class ReckoningFilter:
         self.covariance = keep @ self.covariance @ keep.T + sigma_m**2 * gain @ gain.T
         return float(off @ np.linalg.solve(spread, off))
 
-    def angle_to(self, place: Array, sigma_m: float) -> float | None:
+    def angle_to(self, position: Array, sigma_m: float) -> float | None:
         """Return by how much the walk must turn to lead towards a place [rad].
 
         None where walk and place are too near the beginning to tell.
         """
-        gone, seen = self.state[PLACE] - self.origin, place - self.origin
+        gone, seen = self.state[PLACE] - self.origin, position - self.origin
         if min(float(np.linalg.norm(gone)), float(np.linalg.norm(seen))) < sigma_m:
             return None
         return wrap_angle(math.atan2(seen[1], seen[0]) - math.atan2(gone[1], gone[0]))

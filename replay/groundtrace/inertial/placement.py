@@ -152,8 +152,8 @@ class PlacementGuess:
 
     def contradicts(self, stated: str) -> bool:
         """Return whether the guess is sure of something else than a recording states."""
-        known = MAY_BE.get(stated)
-        return known is not None and self.site not in known and self.confidence >= SURE
+        sites = MAY_BE.get(stated)
+        return sites is not None and self.site not in sites and self.confidence >= SURE
 
     @property
     def sure(self) -> bool:
@@ -299,9 +299,9 @@ class PlacementWatch:
 
     def _look(self, window: Array, end: int) -> None:
         self._windows += 1
-        found = _measured(window)
-        if found is not None:
-            self._found.append(found)
+        measured = _measured(window)
+        if measured is not None:
+            self._found.append(measured)
             self.known_ns = self._start_ns + round(end / GRID_HZ * NS_PER_S)
 
     def guess(self) -> PlacementGuess | None:

@@ -268,13 +268,13 @@ def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
     top = patterns.highest_top(up, PHASE, *_TOP)
     top = CONTACT if top < 0 else top
     stays = patterns.stays_about(up, float(up[_ABOUT].mean()), top)
-    before, own, after = stays[:2], stays[2:4], stays[4:]
-    window = (own[1] - own[0]) / POINTS
+    before, middle, after = stays[:2], stays[2:4], stays[4:]
+    window = (middle[1] - middle[0]) / POINTS
     peak = patterns.highest_top(ahead, PHASE, PHASE[top] - _NEAR, PHASE[top] + _NEAR)
     if peak < 0:
         lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
         return FrontalShape(window, lead, 0.0, 0.0)
-    rising, falling = (before, own) if peak <= top else (own, after)
+    rising, falling = (before, middle) if peak <= top else (middle, after)
     equal = _FLAT * patterns.extent(ahead, 0, len(ahead) - 1)
     first = patterns.lowest(ahead, min(rising[0], peak), min(rising[1], peak), equal)
     last = patterns.lowest(ahead, max(falling[0], peak), max(falling[1], peak), equal)
@@ -357,19 +357,19 @@ class Shape(NamedTuple):
 
 def linked(step: Shape, others: Sequence[Shape]) -> list[Shape]:
     """Return those of the next steps that belong to the same walk as ``step``."""
-    found: list[Shape] = []
+    linked_steps: list[Shape] = []
     last = step
     for other in others:
         apart_s = abs(other.time_ns - last.time_ns) / NS_PER_S
         if apart_s > LINKED * min(last.step_s, other.step_s):
             break
-        found.append(other)
+        linked_steps.append(other)
         last = other
-    return found
+    return linked_steps
 
 
 def common_share(
-    before: Sequence[LateralShape], own: LateralShape, after: Sequence[LateralShape]
+    before: Sequence[LateralShape], pattern: LateralShape, after: Sequence[LateralShape]
 ) -> float:
     """Return the median lateral share of three neighbouring steps, the own one in the middle.
 
@@ -380,17 +380,17 @@ def common_share(
     ----------
     before, after
         The nearest first, up to two.
-    own
+    pattern
         The step's own pattern.
     """
-    three = [*before[:1], own, *after[:1]]
+    three = [*before[:1], pattern, *after[:1]]
     if len(three) < 3:
-        three = [own, *(before or after)]
-    return median(x.share for x in three) if len(three) == 3 else own.share
+        three = [pattern, *(before or after)]
+    return median(x.share for x in three) if len(three) == 3 else pattern.share
 
 
 def corrected_lead(
-    before: Sequence[FrontalShape], own: FrontalShape, after: Sequence[FrontalShape]
+    before: Sequence[FrontalShape], pattern: FrontalShape, after: Sequence[FrontalShape]
 ) -> float:
     """Return by how much a step's frontal maximum leads, put right by its neighbours [steps].
 
@@ -398,13 +398,13 @@ def corrected_lead(
     ----------
     before, after
         The nearest first, up to two.
-    own
+    pattern
         The step's own pattern.
     """
-    against = [pair for pair in (before, after) if _agree_against(pair, own.lead)]
-    confirmed = own.lead * own.slopes > 0 and abs(own.slopes) >= _CONFIRMS
-    if not against or (confirmed and abs(own.lead) <= _FAR):
-        return own.lead
+    against = [pair for pair in (before, after) if _agree_against(pair, pattern.lead)]
+    confirmed = pattern.lead * pattern.slopes > 0 and abs(pattern.slopes) >= _CONFIRMS
+    if not against or (confirmed and abs(pattern.lead) <= _FAR):
+        return pattern.lead
     return median(x.lead for pair in against for x in pair)
 
 
@@ -535,11 +535,11 @@ class StepWindowCollector:
         while (step_s := self._measurable(run, final=final)) is not None:
             self._measure(run, step_s)
         while self._waiting and (final or self._surrounded(run)):
-            place = len(self._shapes) - len(self._waiting)
+            index = len(self._shapes) - len(self._waiting)
             shapes = self._shapes
-            found = self.worker.rows(shapes[:place], shapes[place], shapes[place + 1 :])
-            del shapes[: max(0, place - 1)]
-            yield self._waiting.pop(0), found
+            rows = self.worker.rows(shapes[:index], shapes[index], shapes[index + 1 :])
+            del shapes[: max(0, index - 1)]
+            yield self._waiting.pop(0), rows
         self._forget(run)
 
     def end(self) -> None:
@@ -583,8 +583,8 @@ class StepWindowCollector:
 
     def _surrounded(self, run: _Signal) -> bool:
         """Return whether all steps that count after the first that waits are measured."""
-        place = len(self._shapes) - len(self._waiting)
-        step, after = self._shapes[place], self._shapes[place + 1 :]
+        index = len(self._shapes) - len(self._waiting)
+        step, after = self._shapes[index], self._shapes[index + 1 :]
         if len(after) >= 2 or len(linked(step, after)) < len(after):
             return True
         last = self._shapes[-1]
@@ -614,7 +614,7 @@ UNKNOWN, LEADING = "unknown", 7
 
 def _which(types: frozenset[int]) -> NDArray[np.bool_]:
     """Return of each type whether it is one of some."""
-    return np.array([place in types for place in range(len(TYPES))])
+    return np.array([index in types for index in range(len(TYPES))])
 
 
 @dataclass(frozen=True, slots=True)
@@ -680,8 +680,8 @@ class Duplicate:
         aside = _which(LATERAL)[candidates.channel]
         times = candidates.time_ns[aside & alive]
         # a step's candidates have one time, and come in order
-        place = np.searchsorted(times, candidates.time_ns)
-        twice = np.append(times, -1)[place] == candidates.time_ns
+        index = np.searchsorted(times, candidates.time_ns)
+        twice = np.append(times, -1)[index] == candidates.time_ns
         # just the threshold would pass
         return np.where(twice & ~aside, np.nextafter(share, np.float32(np.inf)), -np.inf)
 
@@ -798,10 +798,12 @@ class StepTypes(Stage):
         accepted = block.accepted.reshape(-1, len(TYPES))
         failed = block.margin.reshape(*accepted.shape, -1) < 0
         evidence = block.value[:, 0].reshape(accepted.shape)
-        for step, kinds, gates, told in zip(self._decided, accepted, failed, evidence, strict=True):
+        for step, kinds, gates, type_evidence in zip(
+            self._decided, accepted, failed, evidence, strict=True
+        ):
             index = int(kinds.argmax())
             if kinds[index]:
-                yield self._typed(step, TYPES[index], float(told[index]))
+                yield self._typed(step, TYPES[index], float(type_evidence[index]))
             elif not (gates.sum(axis=1) == gates[:, LEADING]).any():
                 yield self._typed(step, UNKNOWN, 0.0)
 
@@ -809,13 +811,13 @@ class StepTypes(Stage):
         self, follower: StepWindowCollector, *, final: bool = False
     ) -> Iterator[Candidates]:
         """Yield the candidates of the steps around which all is known."""
-        told = list(follower.told(final=final))
-        self._decided = [step for step, _ in told]
-        if told:
+        complete_steps = list(follower.told(final=final))
+        self._decided = [step for step, _ in complete_steps]
+        if complete_steps:
             yield Candidates(
                 np.repeat([step.time_ns for step in self._decided], len(TYPES)),
-                np.tile(np.arange(len(TYPES), dtype=np.int32), len(told)),
-                np.array([row for _, rows in told for row in rows], np.float32),
+                np.tile(np.arange(len(TYPES), dtype=np.int32), len(complete_steps)),
+                np.array([row for _, rows in complete_steps for row in rows], np.float32),
             )
 
     def _typed(self, step: StepEvent, kind: str, value: float) -> StepEvent:
@@ -860,14 +862,20 @@ class StepTypes(Stage):
         window, density = max(x.window for x in near), max(x.density for x in near)
         lobe, inside = step.lateral.lobe, step.lateral.inside
         support = back_support([*earlier, step, *later])
-        own = (step.lateral.share, step.frontal.lead, step.step_s, step.mounting_rad, support)
-        found: list[tuple[float, ...]] = []
-        for sign, place in ((1, 0), (-1, 1), (-1, 2), (1, 3)):
+        step_columns = (
+            step.lateral.share,
+            step.frontal.lead,
+            step.step_s,
+            step.mounting_rad,
+            support,
+        )
+        candidates: list[tuple[float, ...]] = []
+        for sign, index in ((1, 0), (-1, 1), (-1, 2), (1, 3)):
             order, slope = _signed(lead, sign), _signed(step.lateral.slopes, sign)
-            evidence = order if place in FRONTAL else slope
+            evidence = order if index in FRONTAL else slope
             patterns = (share, window, density, order, lobe, slope, inside)
-            found.append((evidence, *patterns, *own))
-        return found
+            candidates.append((evidence, *patterns, *step_columns))
+        return candidates
 
 
 def _signed(value: float, sign: int) -> float:

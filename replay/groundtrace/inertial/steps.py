@@ -311,8 +311,8 @@ class BodyHeadingOffset:
             return ""
         angle = math.degrees(self.turn_rad)
         side = "left" if angle > 0 else "right"
-        turned = f"{abs(angle):.0f} degrees to the {side} of the sensor's {self.reference}"
-        return f"the walk tells that ahead is {turned}; steps before were gone again with that"
+        direction = f"{abs(angle):.0f} degrees to the {side} of the sensor's {self.reference}"
+        return f"the walk tells that ahead is {direction}; steps before were gone again with that"
 
     def watch(self, step: StepEvent, interval_s: float, motion: LevelFrameMotion) -> None:
         """Take the next step; the motion must be known until a step after it."""
@@ -325,9 +325,9 @@ class BodyHeadingOffset:
         axis = axis_of(self._refer(mean_matrix(orientation)[2]))
         self.steps += 1
         # where a twentieth of the time has no samples nothing is told
-        known = time_ns[-1] - time_ns[0] >= 1.9 * reach_ns
+        covered = time_ns[-1] - time_ns[0] >= 1.9 * reach_ns
         sign = SIGN.get(step.type, 1.0) if SHORTEST_S <= interval_s <= LONGEST_S else 0.0
-        if known and sign:
+        if covered and sign:
             values = np.empty((3, len(time_ns)))
             kernels.strides.resolve(orientation, motion.acceleration[rows], axis, values)
             swing = step_swing(values, (time_ns - step.time_ns) / reach_ns)
@@ -389,8 +389,8 @@ class TangentPlane:
             self.origin = (latitude, longitude)
         start, meridian = self.origin
         across, along = metres_per_radian(start)
-        turned = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
-        return self.at[0] + across * turned, self.at[1] + along * (latitude - start)
+        east_rad = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
+        return self.at[0] + across * east_rad, self.at[1] + along * (latitude - start)
 
     def position(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return latitude and longitude of a place on the map [rad]; the first fix comes before.
@@ -409,8 +409,8 @@ class TangentPlane:
 
 def satellite_columns(stream: Stream) -> tuple[int, int] | None:
     """Return the columns of latitude and longitude, or None."""
-    found = [stream.columns_of({name}) for name in ("latitude", "longitude")]
-    return (found[0][0], found[1][0]) if all(found) else None
+    columns = [stream.columns_of({name}) for name in ("latitude", "longitude")]
+    return (columns[0][0], columns[1][0]) if all(columns) else None
 
 
 def satellite_fixes(

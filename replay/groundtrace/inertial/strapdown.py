@@ -352,19 +352,19 @@ class SegmentRun(Sequence[Segment]):
     def __getitem__(self, index: int | slice) -> Segment | list[Segment]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        place, samples = range(len(self))[index], self.interval_s.shape[1]
-        both = slice(place * samples, (place + 1) * samples + 1)
+        segment_index, samples = range(len(self))[index], self.interval_s.shape[1]
+        both = slice(segment_index * samples, (segment_index + 1) * samples + 1)
         return Segment(
-            int(self.time_ns[place]),
-            self.interval_s[place],
+            int(self.time_ns[segment_index]),
+            self.interval_s[segment_index],
             self.rate[both],
             self.force[both],
-            self.field[place],
-            float(self.statistic[place]),
-            float(self.peak[place]),
-            float(self.length_s[place]),
-            self.missed[place],
-            float(self.held_s[place]),
+            self.field[segment_index],
+            float(self.statistic[segment_index]),
+            float(self.peak[segment_index]),
+            float(self.length_s[segment_index]),
+            self.missed[segment_index],
+            float(self.held_s[segment_index]),
         )
 
 
@@ -402,10 +402,10 @@ class GyroPlateaus:
         -------
         Shapes (n, 3) [rad] and (n,) [s]; 0 but at the first sample after a plateau.
         """
-        missed, held = np.empty((len(rate), 3)), np.empty(len(rate))
+        missed, durations = np.empty((len(rate), 3)), np.empty(len(rate))
         given = (np.ascontiguousarray(rate), self._state[()], WITHIN, SHORTEST, CORNER)
-        kernels.navigation.plateaus(*given, missed, held)
-        return missed * self._period_s, held * self._period_s
+        kernels.navigation.plateaus(*given, missed, durations)
+        return missed * self._period_s, durations * self._period_s
 
 
 class Segments:
@@ -451,13 +451,13 @@ class Segments:
 
         The last segment may be shorter than the others.
         """
-        lacking = len(self._times) - len(self._values)
-        if not (lacking and len(self._values)):
+        missing = len(self._times) - len(self._values)
+        if not (missing and len(self._values)):
             return []
-        self._values = np.pad(self._values, ((0, lacking), (0, 0)), mode="edge")
-        whole = self._cut(self._length)
+        self._values = np.pad(self._values, ((0, missing), (0, 0)), mode="edge")
+        segments = self._cut(self._length)
         left = len(self._times) - 1
-        return [whole, self._cut(left)] if left > 0 else [whole]
+        return [segments, self._cut(left)] if left > 0 else [segments]
 
     def _cut(self, length: int) -> SegmentRun:
         """Return all whole segments; the sample that ends one also begins the next."""

@@ -82,12 +82,12 @@ class VqfPeer:
 
     def add(self, samples: Samples) -> list[HeadingFrame]:
         """Take samples; the first second waits until it is complete, for the reference."""
-        whole = joined([*self._waiting, samples])
-        if not self._started and len(whole) >= self._start:
-            self._refer(whole.rows(0, self._start))
-        count = len(whole) // self.length * self.length if self._started else 0
-        self._waiting = [whole.rows(count, len(whole))]
-        return self._frames(whole.rows(0, count))
+        buffered = joined([*self._waiting, samples])
+        if not self._started and len(buffered) >= self._start:
+            self._refer(buffered.rows(0, self._start))
+        count = len(buffered) // self.length * self.length if self._started else 0
+        self._waiting = [buffered.rows(count, len(buffered))]
+        return self._frames(buffered.rows(0, count))
 
     def flush(self) -> list[HeadingFrame]:
         """Return the last, shorter frame."""

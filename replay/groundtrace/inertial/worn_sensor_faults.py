@@ -155,9 +155,9 @@ class WornImu:
     def gap(self, topic: str) -> None:
         """End the run of a stream, and with it that of the sensor."""
         samples = self._aligner.flush()
-        known = samples.time_ns <= (self._force_ns or 0)
+        valid = samples.time_ns <= (self._force_ns or 0)
         rows = np.hstack([samples.rate, samples.force, samples.field])
-        self._judge(samples.time_ns[known], rows[known])
+        self._judge(samples.time_ns[valid], rows[valid])
         self._begin()
         if self._walk is not None and topic == self.force.topic:
             self._walk.gap()
@@ -167,9 +167,9 @@ class WornImu:
             return
         self._heard_ns = int(time_ns[-1])
         rows = np.concatenate([self._rows, rows])
-        whole = len(rows) // self._many * self._many
-        self._rows = rows[whole:]
-        even = rows[:whole].reshape(-1, self._many, 9).mean(axis=1)
+        count = len(rows) // self._many * self._many
+        self._rows = rows[count:]
+        even = rows[:count].reshape(-1, self._many, 9).mean(axis=1)
         rate_hz = self.turning.rate_hz / self._many
         self._by_force.update(even[:, :6], rate_hz, self._heard_ns)
         if self.field is not None:
@@ -178,8 +178,8 @@ class WornImu:
 
     def judges(self) -> list[Judge]:
         """Return what can judge the gyroscope's axes."""
-        found = (Judge.of(FORCE, self._by_force), Judge.of(FIELD, self._by_field))
-        return [j for j in found if j is not None and not j.silent]
+        candidates = (Judge.of(FORCE, self._by_force), Judge.of(FIELD, self._by_field))
+        return [j for j in candidates if j is not None and not j.silent]
 
     def findings(self, remarks: Sequence[str] = ()) -> Iterator[Finding]:
         """Yield what contradicts itself; ``remarks`` on units that were made are not made again."""
@@ -202,9 +202,9 @@ class WornImu:
                     "where who walks turns it by 0.1 rad/s or more for each m/s2",
                 )
             return
-        found = contradiction(self.judges())
-        if found is not None:
-            yield self._axes(found)
+        mismatch = contradiction(self.judges())
+        if mismatch is not None:
+            yield self._axes(mismatch)
 
     def _walks(self) -> bool:
         return self._walk is not None and self._walk.guess() is not None
@@ -226,24 +226,24 @@ class WornImu:
             f'in the map, give its columns unit = "{fits}" where it is "{stated}"',
         )
 
-    def _axes(self, found: Contradiction) -> Finding:
-        judge = found.judge
+    def _axes(self, mismatch: Contradiction) -> Finding:
+        judge = mismatch.judge
         vector = "gravity" if judge.quantity == FORCE else "the field"
-        others = "".join(f"; or, which fits as well, {other.columns}" for other in found.others)
-        equal = found.equal
+        others = "".join(f"; or, which fits as well, {other.columns}" for other in mismatch.others)
+        equal = mismatch.equal
         more = f" ({equal} other axis maps fit as well: it turned too little)" if equal else ""
         # where one sensor alone can be meant, it is its fault
-        odd = TURNING if found.others else found.fits.quantity
+        odd = TURNING if mismatch.others else mismatch.fits.quantity
         beside = " and ".join(
             q for q in (TURNING, *(j.quantity for j in self.judges())) if q != odd
         )
         return self._finding(
             "axes",
             f"axes or signs contradict {beside}: turned back by the gyroscope as stated, "
-            f"{vector} wanders {found.ratio:.2g} times as far as with the axes that fit "
-            f"({len(judge.gain)} windows of {judge.spreads.window_s:g} s, t {found.errors:.1f})",
+            f"{vector} wanders {mismatch.ratio:.2g} times as far as with the axes that fit "
+            f"({len(judge.gain)} windows of {judge.spreads.window_s:g} s, t {mismatch.errors:.1f})",
             EFFECT,
-            f"in the map, {found.fits.columns}{others}{more}",
+            f"in the map, {mismatch.fits.columns}{others}{more}",
             odd,
         )
 
@@ -251,17 +251,17 @@ class WornImu:
         """Yield what could be found out, whether it fits or not."""
         if TURNING not in self._anything:
             return
-        found = list(self.findings())
-        odd = contradiction(self.judges()) if any(f.kind == "axes" for f in found) else None
-        told = [(FORCE, self._by_force)]
+        findings = list(self.findings())
+        odd = contradiction(self.judges()) if any(f.kind == "axes" for f in findings) else None
+        quantities = [(FORCE, self._by_force)]
         if self.field is not None:
-            told.append((FIELD, self._by_field))
-        for quantity, spreads in told:
+            quantities.append((FIELD, self._by_field))
+        for quantity, spreads in quantities:
             judge = Judge.of(quantity, spreads)
             worse = 0 if judge is None else judge.worse
             if quantity in self._anything:
                 # what the odd one out is judged by has nothing against the gyroscope
-                against = bool(found) and (odd is None or odd.seen_by(quantity))
+                against = bool(findings) and (odd is None or odd.seen_by(quantity))
                 text = _said(judge, spreads, worse, contradicted=against)
             else:
                 text = "not checked: it is zero in all samples"
@@ -278,12 +278,12 @@ def _said(judge: Judge | None, spreads: Spreads, worse: int, *, contradicted: bo
             f"not checked: it moves with the sensor more than it turns ({windows}), as iron in the "
             "sensor or a missing calibration makes it"
         )
-    told = f"{worse} of 47 other axis maps fit worse ({windows})"
+    evidence = f"{worse} of 47 other axis maps fit worse ({windows})"
     if contradicted:
-        return f"contradicted: {told}"
+        return f"contradicted: {evidence}"
     if worse < MOST_RIVALS:
-        return f"too little turning to confirm the axes: {told}"
-    return f"the axes fit: {told}"
+        return f"too little turning to confirm the axes: {evidence}"
+    return f"the axes fit: {evidence}"
 
 
 class ImuWatch:
@@ -338,7 +338,7 @@ class ImuWatch:
         for zero in self._zeros:
             yield from zero.findings()
         for limits in self._limits.values():
-            yield from (found for found in limits.findings() if found.kind == "clipped")
+            yield from (finding for finding in limits.findings() if finding.kind == "clipped")
 
     def checks(self) -> Iterator[AxisCheck]:
         """Yield what could be found out of axes; after :meth:`flush`."""
@@ -356,9 +356,9 @@ def _beside(turning: Stream, streams: Sequence[Stream], quantity: str) -> Stream
     if _has(turning, quantity):
         return turning
     here = [s for s in streams if s.placement == turning.placement]
-    found = [s for s in here if _has(s, quantity)]
+    candidates = [s for s in here if _has(s, quantity)]
     alone = sum(_has(s, TURNING) for s in here) == 1
-    return found[0] if alone and len(found) == 1 else None
+    return candidates[0] if alone and len(candidates) == 1 else None
 
 
 def _limit_detectors(stream: Stream) -> FaultDetectors:
@@ -418,13 +418,13 @@ class ImportedImu:
         """Return one line for each thing that was found; nothing is heard after that."""
         self._watch.flush()
         units = [line for watch in self._units.values() for line in watch.remarks()]
-        return tuple(line_of(found) for found in self._watch.findings(units))
+        return tuple(line_of(finding) for finding in self._watch.findings(units))
 
 
-def line_of(found: Finding) -> str:
+def line_of(finding: Finding) -> str:
     """Return a finding as one line."""
-    where = " ".join(filter(None, (found.topic, found.channel)))
-    return f"{where}: {found.what}: {found.effect}; {found.remedy}"
+    where = " ".join(filter(None, (finding.topic, finding.channel)))
+    return f"{where}: {finding.what}: {finding.effect}; {finding.remedy}"
 
 
 def judged(
@@ -452,8 +452,8 @@ def judged(
     imu.flush()
     units = [line for watch in by_topic.values() for line in watch.remarks()]
     yield from (Note(end_ns, line, "WARN", SOURCE) for line in units)
-    for found in imu.findings(units):
-        yield Note(found.start_ns, line_of(found), "WARN", SOURCE)
+    for finding in imu.findings(units):
+        yield Note(finding.start_ns, line_of(finding), "WARN", SOURCE)
 
 
 #: A rival fits better whose spread is smaller by this mean of logarithms, so many standard errors
@@ -508,8 +508,8 @@ class Judge:
         rivals = np.array(spreads.rivals)
         still = (np.array(spreads.still)[:, None] - rivals).mean(axis=0)
         left = rivals - np.array(spreads.lengths)
-        kept = (left[:, :1] - left).mean(axis=0)
-        return cls(quantity, rivals[:, :1] - rivals, kept, still, spreads)
+        relative_gain = (left[:, :1] - left).mean(axis=0)
+        return cls(quantity, rivals[:, :1] - rivals, relative_gain, still, spreads)
 
     @property
     def better(self) -> Mask:
@@ -579,16 +579,16 @@ class AxisMap:
         """The change as it is made to the columns of a map."""
         if (self.matrix == -np.eye(3)).all():
             return f"{self.quantity}: each axis gets scale = -1 (its frame is left-handed)"
-        said = []
+        changes = []
         for column in range(3):
             axis = int(np.argmax(np.abs(self.matrix[:, column])))
             minus = self.matrix[axis, column] < 0
             if axis != column:
                 also = ", scale = -1" if minus else ""
-                said.append(f'axis = "{"xyz"[column]}" becomes axis = "{"xyz"[axis]}"{also}')
+                changes.append(f'axis = "{"xyz"[column]}" becomes axis = "{"xyz"[axis]}"{also}')
             elif minus:
-                said.append(f'axis = "{"xyz"[column]}" gets scale = -1')
-        return f"{self.quantity}: {'; '.join(said)}"
+                changes.append(f'axis = "{"xyz"[column]}" gets scale = -1')
+        return f"{self.quantity}: {'; '.join(changes)}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -642,11 +642,11 @@ def contradiction(judges: Sequence[Judge]) -> Contradiction | None:
     equal = [k for k in range(len(maps)) if able[k] and _as_good(judges, seen[k], seen[best])]
     equal.sort(key=lambda k: (maps[k].changes, -gains[k]))
     first = equal[0]
-    said = {maps[first].quantity}
+    reported = {maps[first].quantity}
     others = []
     for k in equal[1:]:
-        if maps[k].changes == maps[first].changes and maps[k].quantity not in said:
-            said.add(maps[k].quantity)
+        if maps[k].changes == maps[first].changes and maps[k].quantity not in reported:
+            reported.add(maps[k].quantity)
             others.append(maps[k])
     clearest = max(range(len(judges)), key=lambda n: told(judges[n].gain)[1][seen[first][n]])
     # an acceleration or a field turned round altogether is the same to its judge
@@ -703,13 +703,13 @@ def wrong_unit(spreads: Spreads) -> WrongUnit | None:
     units = np.array(spreads.units)
     stated, still = units[:, 0, 0], np.array(spreads.units_still)
     turning = float(np.median(spreads.turning))
-    for place, (called, fits) in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s")), 1):
-        rivals = units[:, place]
+    for index, (called, fits) in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s")), 1):
+        rivals = units[:, index]
         gain, errors = told(stated[:, None] - rivals)
         over, over_errors = told(still[:, None] - rivals)
         better = (gain > RATIO) & (errors > ERRORS)
         seen = better & (over > RATIO) & (over_errors > ERRORS)
-        impossible = better & (gain > TOO_FAR) & (SCALES[place] < 1 and turning > TOO_FAST_RADPS)
+        impossible = better & (gain > TOO_FAR) & (SCALES[index] < 1 and turning > TOO_FAST_RADPS)
         if not (seen | impossible).any():
             continue
         best = int(np.argmax(np.where(seen | impossible, gain, -np.inf)))
@@ -858,10 +858,11 @@ class Spreads:
         step[1:] = (rate[1:] + rate[:-1]) / (2 * rate_hz)
         scaled = self.scaled and len(self.rivals) % UNITS_EVERY == 0
         scales = SCALES if scaled else SCALES[:1]
-        turned = rotations(np.stack([s * scale * step for scale in scales for s in (1, -1)]))
+        orientations = rotations(np.stack([s * scale * step for scale in scales for s in (1, -1)]))
         edges = np.linspace(0, len(rows), self.blocks + 1).astype(int)
         spreads, lengths = (
-            np.log(x.reshape(len(scales), 48) + _FLOOR) for x in _spreads(turned, vector, edges)
+            np.log(x.reshape(len(scales), 48) + _FLOOR)
+            for x in _spreads(orientations, vector, edges)
         )
         means = np.stack([vector[a:b].mean(axis=0) for a, b in itertools.pairwise(edges)])
         still = math.log(_spread(means) + _FLOOR)
@@ -883,24 +884,24 @@ def _spread(means: Array) -> float:
     return math.sqrt(float(((means - means.mean(axis=0)) ** 2).sum() / len(means)))
 
 
-def _spreads(turned: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+def _spreads(orientations: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return the spread by every rotation of each of the integrated, and the length of its mean.
 
     Both of shape (n, 24).
 
     Parameters
     ----------
-    turned
+    orientations
         Rotations to the beginning of the window, shape (n, 3, 3, n_samples).
     vector
         Shape (n_samples, 3).
     edges
         Where blocks begin and end.
     """
-    flat = turned.reshape(-1, turned.shape[-1])
+    flat = orientations.reshape(-1, orientations.shape[-1])
     blocks = np.stack(
         [flat[:, a:b] @ vector[a:b] / (b - a) for a, b in itertools.pairwise(edges)], axis=0
-    ).reshape(len(edges) - 1, len(turned), 3, 3, 3)  # block, integration, k, i, j
+    ).reshape(len(edges) - 1, len(orientations), 3, 3, 3)  # block, integration, k, i, j
     # R (Q'v) of every rotation Q: component k is the sum over i, j of R_ki Q_ji v_j
     means = np.einsum("bhkij,qji->qhbk", blocks, ROTATIONS)
     middle = means.mean(axis=2, keepdims=True)

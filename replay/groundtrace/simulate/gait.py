@@ -114,10 +114,10 @@ class Bout:
 
     def phase(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the phase in steps, k at contact k, running on evenly outside, shape (n,)."""
-        whole = np.interp(time_s, self.contact_s, np.arange(len(self.contact_s)))
+        interpolated = np.interp(time_s, self.contact_s, np.arange(len(self.contact_s)))
         before = np.minimum(time_s - self.contact_s[0], 0) / self.step_s
         after = np.maximum(time_s - self.contact_s[-1], 0) / self.step_s
-        phase: NDArray[np.float64] = whole + before + after
+        phase: NDArray[np.float64] = interpolated + before + after
         return phase
 
     def envelope(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -220,9 +220,9 @@ def plan(duration_s: float, rng: np.random.Generator) -> Plan:
     for start_s in np.arange(0.0, duration_s, CYCLE_S).tolist():
         for begin, end, step_s, length_m in _WALKS:
             bout = _bout(start_s + begin, start_s + end, step_s, length_m, rng)
-            kept = int(np.count_nonzero(bout.contact_s < duration_s - 1.0))
-            if kept >= 2:
-                bouts.append(Bout(bout.contact_s[:kept], bout.strength[:kept], bout.speed_mps))
+            count = int(np.count_nonzero(bout.contact_s < duration_s - 1.0))
+            if count >= 2:
+                bouts.append(Bout(bout.contact_s[:count], bout.strength[:count], bout.speed_mps))
         turns.append(start_s + _TURN[0])
         fidgets.append((start_s + _FIDGET[0], start_s + _FIDGET[1]))
     return Plan(
@@ -459,11 +459,11 @@ def _handle(time_s: Array, idle: Idle, rng: np.random.Generator) -> tuple[Array,
     """Take the sensor off, turn it in the hands and put it back."""
     moved, angle = np.zeros((len(time_s), 3)), np.zeros((len(time_s), 3))
     length_s = idle.end_s - idle.start_s
-    held = smooth_step((time_s - idle.start_s) / 0.8) * smooth_step((idle.end_s - time_s) / 0.8)
+    envelope = smooth_step((time_s - idle.start_s) / 0.8) * smooth_step((idle.end_s - time_s) / 0.8)
     for hz in rng.uniform(0.3, 2.5, 6):
         swing = np.sin(2 * np.pi * (hz * time_s[:, None] + rng.uniform(0, 1, 3)))
-        moved += held[:, None] * swing * rng.normal(0, 1.0, 3)
-        angle += held[:, None] * swing * rng.normal(0, 0.25 / (1 + hz), 3)
+        moved += envelope[:, None] * swing * rng.normal(0, 1.0, 3)
+        angle += envelope[:, None] * swing * rng.normal(0, 0.25 / (1 + hz), 3)
     for knock_s in idle.start_s + length_s * rng.uniform(0.1, 0.9, 3):
         late = np.clip(time_s - knock_s, 0, None)
         shake = np.sin(2 * np.pi * 22.0 * late) * np.exp(-late / 0.03)
@@ -573,8 +573,8 @@ def _filtered(values: Array, time_s: Array, corner_hz: float, kind: str) -> Arra
     if rate_hz <= 2 * corner_hz:
         return values
     sos = butter(1, corner_hz, kind, fs=rate_hz, output="sos")
-    kept: Array = sosfiltfilt(sos, values, axis=0)
-    return kept
+    filtered: Array = sosfiltfilt(sos, values, axis=0)
+    return filtered
 
 
 def _in_world(sway: Array, heading: Array) -> Array:
@@ -631,12 +631,12 @@ def _foot(options: WalkOptions, plan: Plan, who: Person, time_s: Array) -> Motio
     return Motion(acceleration, Rotation.from_euler("ZYX", steps.angle + sway.angle))
 
 
-def second_derivative(place: Array, time_s: Array) -> Array:
-    """Return the second derivative of ``place`` (n, 3) at even times, 0 at the ends, (n, 3)."""
-    derivative = np.zeros_like(place)
+def second_derivative(position: Array, time_s: Array) -> Array:
+    """Return the second derivative of ``position`` (n, 3) at even times, 0 at the ends, (n, 3)."""
+    derivative = np.zeros_like(position)
     if len(time_s) > 2:
         spacing_s = time_s[1] - time_s[0]
-        derivative[1:-1] = np.diff(place, 2, axis=0) / spacing_s**2
+        derivative[1:-1] = np.diff(position, 2, axis=0) / spacing_s**2
     return derivative
 
 
@@ -676,7 +676,7 @@ def foot_motion(plan: Plan, manner: Manner, time_s: Array) -> FootMotion:
 
     The foot lands where the body will be half a step later, so it never slides on the floor.
     """
-    place, angle = np.zeros((len(time_s), 3)), np.zeros((len(time_s), 3))
+    position, angle = np.zeros((len(time_s), 3)), np.zeros((len(time_s), 3))
     heading = plan.heading(time_s)
     body = plan.track(time_s)
 
@@ -692,17 +692,17 @@ def foot_motion(plan: Plan, manner: Manner, time_s: Array) -> FootMotion:
     for swing in swings:
         there = rest(swing.contact_s + swing.bout.step_s / 2)
         off, on = np.searchsorted(time_s, (swing.off_s, swing.contact_s))
-        place[begun:off, :2], angle[begun:off, 0] = here[:2], here[2]
+        position[begun:off, :2], angle[begun:off, 0] = here[:2], here[2]
         part = (time_s[off:on] - swing.off_s) / (swing.contact_s - swing.off_s)
         moved = here + smooth_step(part)[:, None] * (there - here)
-        place[off:on, :2], angle[off:on, 0] = moved[:, :2], moved[:, 2]
-        place[off:on, 2] = _LIFT_M[swing.bout.kind] * 64 * (part * (1 - part)) ** 3
+        position[off:on, :2], angle[off:on, 0] = moved[:, :2], moved[:, 2]
+        position[off:on, 2] = _LIFT_M[swing.bout.kind] * 64 * (part * (1 - part)) ** 3
         _pitch(angle[:, 1], swing, time_s)
         here, begun = there, on
-    place[begun:, :2], angle[begun:, 0] = here[:2], here[2]
+    position[begun:, :2], angle[begun:, 0] = here[:2], here[2]
     for swing in swings:
-        _land(place, swing, manner, time_s)
-    return FootMotion(place, angle)
+        _land(position, swing, manner, time_s)
+    return FootMotion(position, angle)
 
 
 def _swings(plan: Plan, manner: Manner) -> list[_Swing]:
@@ -740,15 +740,15 @@ def _pitch(pitch: Array, swing: _Swing, time_s: Array) -> None:
     pitch[near] += curve((time_s[near] - swing.off_s) / (swing.contact_s - swing.off_s))
 
 
-def _land(place: Array, swing: _Swing, manner: Manner, time_s: Array) -> None:
-    """Add to ``place`` (n, 3) how a contact shakes the foot, which leaves it where it was."""
+def _land(position: Array, swing: _Swing, manner: Manner, time_s: Array) -> None:
+    """Add to ``position`` (n, 3) how a contact shakes the foot, which leaves it where it was."""
     near = slice(*np.searchsorted(time_s, (swing.contact_s, swing.contact_s + 0.2)))
     late = (time_s[near] - swing.contact_s) / _SHAKE_S
     soft = 1.0 if swing.bout.kind == "forward" else 0.5
     blow = soft * manner.impact * swing.strength * late * np.exp(-late)
     turn = 2 * np.pi * _SHAKE_HZ
     shake = blow * np.sin(turn * _SHAKE_S * late) / turn**2
-    place[near] += shake[:, None] * (-12.0, 4.0, 18.0)
+    position[near] += shake[:, None] * (-12.0, 4.0, 18.0)
 
 
 #: Chosen by judgement: how sensors are worn, far enough off that axes must be found.
@@ -988,9 +988,9 @@ class WalkOptions:
         SimulationError
             Where an option is out of its range.
         """
-        for name, good, expected, found in self._limits():
+        for name, good, expected, actual in self._limits():
             if not good:
-                raise SimulationError(f"simulate walk: {name}: expected {expected}, found {found}")
+                raise SimulationError(f"simulate walk: {name}: expected {expected}, found {actual}")
         path = self.path if self.standard else self.path or "random"
         duration_s = _DURATION_S.get(path) if self.duration_s is None else self.duration_s
         return replace(self, path=path, duration_s=duration_s)

@@ -142,9 +142,9 @@ class _Settings:
     rumble: float
 
 
-def refused(option: str, expected: str, found: object) -> SimulationError:
+def refused(option: str, expected: str, actual: object) -> SimulationError:
     """Return the error that an option of the line is not what it must be."""
-    return SimulationError(f"simulate line: {option}: expected {expected}, found {found}")
+    return SimulationError(f"simulate line: {option}: expected {expected}, found {actual}")
 
 
 #: Bounds of options, both allowed. Source: definition, see :class:`LineOptions`.
@@ -306,11 +306,16 @@ def _names(count: int) -> tuple[str, ...]:
 
 def _said(line: Line) -> dict[str, str]:
     """Return what was drawn, as text."""
-    said = {name: str(value) for name, value in asdict(line.settings).items()}
+    settings = {name: str(value) for name, value in asdict(line.settings).items()}
     layers = [f"{v:.0f} m/s" for v in line.ground.speed_mps.tolist()]
     deep = [f"{h:.1f} m" for h in line.ground.thickness_m.tolist()]
-    said["ground"] = ", ".join(f"{h} of {v}" for h, v in zip([*deep, "rest"], layers, strict=True))
-    return said | {"quality": f"{line.ground.quality:.0f}", "centre_hz": f"{line.centre_hz:.0f}"}
+    settings["ground"] = ", ".join(
+        f"{h} of {v}" for h, v in zip([*deep, "rest"], layers, strict=True)
+    )
+    return settings | {
+        "quality": f"{line.ground.quality:.0f}",
+        "centre_hz": f"{line.centre_hz:.0f}",
+    }
 
 
 # --- what is drawn ------------------------------------------------------------------------------
@@ -349,7 +354,7 @@ def _drawn(options: LineOptions, rng: Rng) -> Line:
 
 def _opened(options: LineOptions, rng: Rng) -> _Settings:
     """Return options with what is left open drawn, or as usual."""
-    usual: dict[str, Any] = {
+    defaults: dict[str, Any] = {
         "shots": 3,
         "channels": 24,
         "spacing_m": 5.0,
@@ -377,10 +382,10 @@ def _opened(options: LineOptions, rng: Rng) -> _Settings:
         "precursors": float(rng.choice([0.0, rng.uniform(0.002, 0.05)])),
         "rumble": float(rng.choice([0.0, rng.uniform(0.5, 4.0)])),
     }
-    made = drawn if options.random else usual
+    made = drawn if options.random else defaults
     given = {name: getattr(options, name) for name in made}
-    known = {name: value for name, value in given.items() if value is not None}
-    return _Settings(options.seed, options.random, **(made | known))
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return _Settings(options.seed, options.random, **(made | chosen))
 
 
 def _ground(options: LineOptions, rng: Rng, length_m: float) -> Ground:
@@ -455,9 +460,9 @@ class _Shot:
         """Return the spectrum of what a blow does to a geophone: causal, with no delay."""
         s = 2j * np.pi * self._frequency_hz
         blow = 2 * np.pi * centre_hz
-        own = 2 * np.pi * self.line.natural_hz
+        natural_radps = 2 * np.pi * self.line.natural_hz
         pulse = blow**2 * s / (s + blow) ** 3
-        geophone = s**2 / (s**2 + 2 * DAMPING * own * s + own**2)
+        geophone = s**2 / (s**2 + 2 * DAMPING * natural_radps * s + natural_radps**2)
         above = 2 * np.pi * 0.35 * self.rate_hz  # against aliases, as two poles of the recorder's
         jitter = np.exp(-0.5 * (s.imag * 1.5e-4) ** 2) if (self.line.settings.stack) > 1 else 1.0
         spectrum: NDArray[np.complex128] = pulse * geophone * (above / (s + above)) ** 2 * jitter
@@ -496,14 +501,14 @@ class _Shot:
         wave = np.exp(-2j * np.pi * f * travel_s - np.pi * f * travel_s / (0.5 * ground.quality))
         wave *= ground.surface / np.sqrt(1.0 + far[:, None]) / 4 * np.exp(-f / 60.0)
         sound = np.exp(-2j * np.pi * f * (far[:, None] / AIR_MPS)) / (1.0 + far[:, None])
-        found = wave + ground.air * sound * (f > 80.0)
-        return np.asarray(found * self._source(centre_hz))
+        response = wave + ground.air * sound * (f > 80.0)
+        return np.asarray(response * self._source(centre_hz))
 
     def _trace(self, spectra: NDArray[np.complex128], at_s: float) -> Array:
         """Return samples at the fine rate of a blow at a time, shape (n, n_fine)."""
         fine = 2 * self.count * self.fold
-        found = np.fft.irfft(spectra * self._delay(at_s), fine, axis=1)
-        return np.asarray(found[:, : fine // 2] * self.rate_hz * self.fold)
+        samples = np.fft.irfft(spectra * self._delay(at_s), fine, axis=1)
+        return np.asarray(samples[:, : fine // 2] * self.rate_hz * self.fold)
 
     @cached_property
     def _waves(self) -> NDArray[np.complex128]:
@@ -596,13 +601,13 @@ class _Shot:
             since = np.maximum(t[:, 0] - at_s, 0)
             extra[:, c] += size * np.sin(2 * np.pi * hz * since) * np.exp(-since * hz / 3)
         if rng.random() < 0.3:
-            heard = rng.random(channels) < 0.15
+            coupled = rng.random(channels) < 0.15
             zero = self.shot_s + self.late_s
             since = np.maximum(t - zero, 0)
             pulse = (
                 np.sin(2 * np.pi * 0.2 * self.rate_hz * since) * np.exp(-since / 2e-3) * (t >= zero)
             )
-            extra += heard * rng.uniform(3, 20, channels) * pulse
+            extra += coupled * rng.uniform(3, 20, channels) * pulse
         return extra
 
     def counts(self) -> NDArray[np.int32]:

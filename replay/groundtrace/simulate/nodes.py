@@ -374,7 +374,7 @@ def rides_of(options: VehicleOptions, site: NodeSite, rng: Generator) -> list[Ri
         ahead[:2] = True, False
     stops = set(rng.choice(count, min(options.stops or 0, count), replace=False).tolist())
     rides: list[Ride] = []
-    usual = _usual(site)
+    car_level = _usual(site)
     for number in np.argsort(times, kind="stable").tolist():
         kind = _KINDS[int(rng.choice(len(_KINDS), p=[k[1] for k in _KINDS]))]
         speed = float(np.clip(site.speed_mps * kind[6] * np.exp(_SPREAD * rng.standard_normal()),
@@ -382,7 +382,7 @@ def rides_of(options: VehicleOptions, site: NodeSite, rng: Generator) -> list[Ri
         knots = _knots(rng, float(times[number]), speed, stopping=number in stops)
         lane = site.road.beside(-1.5 if ahead[number] else 1.5)
         ride = _ride(site, kind, lane, float(times[number]), knots, bool(ahead[number]), site.rough)
-        level = ride.level / usual * 10 ** (rng.normal(0, 3.0) / 20)
+        level = ride.level / car_level * 10 ** (rng.normal(0, 3.0) / 20)
         named = replace(ride.vehicle, name=f"V{len(rides) + 1}")
         rides.append(replace(ride, level=level, vehicle=named))
     return rides
@@ -424,15 +424,15 @@ def _usual(site: NodeSite) -> float:
     """Return the root of the greatest power, over a second, that nodes feel of a car at 10 m/s."""
     car = next(kind for kind in _KINDS if kind[0] == "car")
     time_s = np.arange(-4.0, 4.0, 1 / 200)
-    felt = []
-    for place in site.places:
+    powers = []
+    for position in site.places:
         lane = site.road
-        drive = Drive(lane, 0.0, lane.nearest_m(place), (0.0,), (10.0,), True)
+        drive = Drive(lane, 0.0, lane.nearest_m(position), (0.0,), (10.0,), True)
         vehicle = Vehicle("", drive, 0.0, ())
         ride = Ride(vehicle, car[0], 1.0, car[3], car[4], car[5], site.rough, -_REACH_M)
         power = (ride.felt(site, time_s) ** 2).mean(axis=(1, 2))
-        felt.append(float(np.convolve(power, np.ones(200) / 200, "valid").max()))
-    return float(np.sqrt(np.median(felt)))
+        powers.append(float(np.convolve(power, np.ones(200) / 200, "valid").max()))
+    return float(np.sqrt(np.median(powers)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -482,7 +482,7 @@ def _walk(options: VehicleOptions, site: NodeSite, name: str, rng: Generator) ->
     lasts_s = float(np.ptp(ends)) / speed
     start = rng.uniform(min(0.0, options.length_s - lasts_s), max(0.0, options.length_s - lasts_s))
     beside = _between(rng, _BESIDE_M) * rng.choice([-1.0, 1.0])
-    turned = rng.random() < 0.5
+    backward = rng.random() < 0.5
     hz, decay, over = _between(rng, _STEP_HZ), _between(rng, _STEP_S), _between(rng, _STEP_PEAK)
     peak = _peak(site, over, 3.0, hz)
     bursts = []
@@ -490,10 +490,10 @@ def _walk(options: VehicleOptions, site: NodeSite, name: str, rng: Generator) ->
         time_s = float(start + late + rng.normal(0, 0.02))
         if not 0 <= time_s < options.length_s:
             continue
-        x = float(ends[1] - speed * late if turned else ends[0] + speed * late)
-        own = peak * (1.1 if k % 2 else 0.9) * float(np.exp(0.2 * rng.standard_normal()))
+        x = float(ends[1] - speed * late if backward else ends[0] + speed * late)
+        step_peak = peak * (1.1 if k % 2 else 0.9) * float(np.exp(0.2 * rng.standard_normal()))
         y = beside + 0.1 * (-1) ** k
-        bursts.append(Burst(time_s, x, y, own, hz, decay, name))
+        bursts.append(Burst(time_s, x, y, step_peak, hz, decay, name))
     return bursts
 
 
@@ -503,11 +503,11 @@ def _door(options: VehicleOptions, site: NodeSite, rng: Generator) -> list[Burst
     y = _log_between(rng, _DOOR_M) * float(rng.choice([-1.0, 1.0]))
     hz, decay = _between(rng, _DOOR_HZ), _between(rng, _DOOR_S)
     peak = _peak(site, _log_between(rng, _DOOR_PEAK), 10.0, hz)
-    found = [Burst(time_s, x, y, peak, hz, decay)]
+    bursts = [Burst(time_s, x, y, peak, hz, decay)]
     if rng.random() < _AGAIN:
         again = time_s + _between(rng, _AGAIN_S)
-        found.append(Burst(again, x, y, peak * float(rng.uniform(0.2, 1.0)), hz, decay))
-    return found
+        bursts.append(Burst(again, x, y, peak * float(rng.uniform(0.2, 1.0)), hz, decay))
+    return bursts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -560,8 +560,8 @@ class Gust:
         part = (time_s[:, None] - self._middles(site)) / self.lasts_s
         envelope = np.where(np.abs(part) < 1, np.cos(np.pi * part / 2) ** 2, 0.0)
         window = np.hanning(max(3, 2 * round(self.own_s * rate)) + 2)[1:-1, None]
-        own = oaconvolve(rng.standard_normal(part.shape), window, "same", axes=0)
-        envelope *= 10 ** (_OWN_DB / 20 * own / np.sqrt((window**2).sum()))
+        fluctuation = oaconvolve(rng.standard_normal(part.shape), window, "same", axes=0)
+        envelope *= 10 ** (_OWN_DB / 20 * fluctuation / np.sqrt((window**2).sum()))
         return np.asarray(self.level * site.noise * envelope[..., None] * shaken)
 
 
@@ -572,7 +572,7 @@ def swells_of(
     gusts: list[Gust] = []
     far: list[Ride] = []
     truck = _KINDS[-1]
-    usual = _usual(site)
+    car_level = _usual(site)
     for number in range(options.swells or 0):
         time_s = float(rng.uniform(0, options.length_s))
         if rng.random() < 0.5:
@@ -592,20 +592,22 @@ def swells_of(
             continue
         away = _log_between(rng, _FAR_M)
         angle = rng.uniform(0, 2 * np.pi)
-        place = site.places.mean(axis=0) + away * np.array([-np.sin(angle), np.cos(angle)])
+        position = site.places.mean(axis=0) + away * np.array([-np.sin(angle), np.cos(angle)])
         speed = _between(rng, (8.0, 22.0))
         rough = _slope(rng, 1200.0)
         ride = _ride(
             site,
             truck,
-            Road.straight(place, angle),
+            Road.straight(position, angle),
             time_s,
             ((0.0,), (speed,)),
             bool(rng.random() < 0.5),
             rough,
         )
         far.append(
-            replace(ride, rough_m=-600.0, level=ride.level / usual * _log_between(rng, _FAR_LEVEL))
+            replace(
+                ride, rough_m=-600.0, level=ride.level / car_level * _log_between(rng, _FAR_LEVEL)
+            )
         )
     return gusts, far
 
@@ -653,7 +655,7 @@ class NodeSignal:
 
     def _sources(self, rate: float) -> list[tuple[int, int, Source]]:
         """Return first and last sample of every source, the next one last."""
-        found: list[tuple[int, int, Source]] = []
+        spans: list[tuple[int, int, Source]] = []
         sources: list[Source] = [
             *self.rides,
             *self.far,
@@ -667,8 +669,8 @@ class NodeSignal:
                 int(np.ceil(min(stop_s, self.options.length_s) * rate)),
             )
             if stop - start > 1:
-                found.append((start, stop, source))
-        return sorted(found, key=lambda row: -row[0])
+                spans.append((start, stop, source))
+        return sorted(spans, key=lambda row: -row[0])
 
     def _noise(self) -> Frames:
         """Return noise of the site's colour, one column a channel."""

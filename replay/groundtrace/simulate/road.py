@@ -32,9 +32,9 @@ SPEED_MPS, DRAWN_MPS = 10.0, (8.0, 20.0)
 _HIGHEST, _BEYOND = 0.4, 1.2
 
 
-def refused(option: str, expected: str, found: object) -> SimulationError:
+def refused(option: str, expected: str, actual: object) -> SimulationError:
     """Return the error that an option of the road is not what it must be."""
-    return SimulationError(f"simulate vehicle: {option}: expected {expected}, found {found}")
+    return SimulationError(f"simulate vehicle: {option}: expected {expected}, found {actual}")
 
 
 #: Options that a site of nodes draws by itself, or does not have. Source: definition.
@@ -162,9 +162,9 @@ class VehicleOptions:
         for name, value, low, high in self._ranges():
             if value is not None and not low <= value <= high:
                 raise refused(name, f"{low:g} to {high:g}", value)
-        for name, good, expected, found in self._others():
+        for name, good, expected, actual in self._others():
             if not good:
-                raise refused(name, expected, found)
+                raise refused(name, expected, actual)
         for name, other in self._excluded():
             raise refused(name, f"none beside {other}", "both")
 
@@ -222,9 +222,9 @@ class VehicleOptions:
         if self.layout == "antennas" and self.stations:
             yield "stations", "the layout antennas"
         if self.layout == "nodes":
-            usual = VehicleOptions()
+            defaults = VehicleOptions()
             for name in _NOT_OF_NODES:
-                if getattr(self, name) != getattr(usual, name):
+                if getattr(self, name) != getattr(defaults, name):
                     yield name, "the layout nodes"
         elif self.swells or self.stops:
             yield "swells and stops", f"the layout {self.layout}"
@@ -286,10 +286,10 @@ def road_of(options: VehicleOptions, site: Geometry) -> Road:
     heading_deg, offset_m = (75.0, 1.0) if antennas else (0.0, 5.0)
     heading = np.deg2rad(heading_deg if options.heading_deg is None else options.heading_deg)
     offset_m = offset_m if options.offset_m is None else options.offset_m
-    place = middle_of(site) + offset_m * np.array([-np.sin(heading), np.cos(heading)])
+    position = middle_of(site) + offset_m * np.array([-np.sin(heading), np.cos(heading)])
     if options.radius_m is None:
-        return Road.straight(place, heading)
-    return Road.bend(place, heading, options.radius_m)
+        return Road.straight(position, heading)
+    return Road.bend(position, heading, options.radius_m)
 
 
 def middle_of(site: Geometry) -> NDArray[np.float64]:
@@ -351,20 +351,20 @@ class Road:
         return cls(corners, np.append(0.0, np.cumsum(lengths)), steps / lengths[:, None])
 
     @classmethod
-    def straight(cls, place: Array, heading_rad: float) -> Road:
+    def straight(cls, position: Array, heading_rad: float) -> Road:
         """Return a straight road through a place; distances along it count from there."""
         ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
-        return cls.through(np.array([place, place + ahead]))
+        return cls.through(np.array([position, position + ahead]))
 
     @classmethod
-    def bend(cls, place: Array, heading_rad: float, radius_m: float) -> Road:
+    def bend(cls, position: Array, heading_rad: float, radius_m: float) -> Road:
         """Return an arc of a third of a circle, whose middle is a place with a heading there.
 
         A positive radius turns left, a negative one right.
         """
-        turned = np.arange(-np.pi / 3, np.pi / 3 + _ARC_STEP_RAD / 2, _ARC_STEP_RAD)
-        angle = heading_rad + turned * np.sign(radius_m)
-        centre = place + radius_m * np.array([-np.sin(heading_rad), np.cos(heading_rad)])
+        arc_rad = np.arange(-np.pi / 3, np.pi / 3 + _ARC_STEP_RAD / 2, _ARC_STEP_RAD)
+        angle = heading_rad + arc_rad * np.sign(radius_m)
+        centre = position + radius_m * np.array([-np.sin(heading_rad), np.cos(heading_rad)])
         return cls.through(centre + radius_m * np.column_stack([np.sin(angle), -np.cos(angle)]))
 
     def places(self, along_m: Array) -> Array:
@@ -380,13 +380,13 @@ class Road:
         headings: Array = np.arctan2(y, x)
         return headings
 
-    def nearest_m(self, place: Array) -> float:
+    def nearest_m(self, position: Array) -> float:
         """Return the distance along the road of its point closest to a place [m]."""
-        along = np.sum((place - self.corners[:-1]) * self.units, axis=1)
+        along = np.sum((position - self.corners[:-1]) * self.units, axis=1)
         low, high = np.zeros(len(along)), np.diff(self.reached_m)
         low[0], high[-1] = -np.inf, np.inf
         along = self.reached_m[:-1] + np.clip(along, low, high)
-        return float(along[np.argmin(np.hypot(*(self.places(along) - place).T))])
+        return float(along[np.argmin(np.hypot(*(self.places(along) - position).T))])
 
     def beside(self, left_m: float) -> Road:
         """Return the road moved to its left, parallel to itself."""
@@ -438,8 +438,8 @@ class Drive:
 
     def headings(self, time_s: Array) -> Array:
         """Return where it goes to, counter-clockwise from x [rad, -pi to pi]."""
-        turned = 0.0 if self.forward else np.pi
-        angle: Array = self.road.headings(self._along(time_s)) + turned
+        offset_rad = 0.0 if self.forward else np.pi
+        angle: Array = self.road.headings(self._along(time_s)) + offset_rad
         return np.arctan2(np.sin(angle), np.cos(angle))
 
     def distances(self, time_s: Array, places: Array) -> Array:
@@ -449,7 +449,7 @@ class Drive:
         return distance
 
     def emitted_s(self, heard_s: Array, places: Array, velocity_mps: float) -> Array:
-        """Return when it made what is heard at places: heard = t + r(t) / c, solved for t.
+        """Return when it made what is heard at places: received = t + r(t) / c, solved for t.
 
         Parameters
         ----------
@@ -464,10 +464,10 @@ class Drive:
         -------
         Shape (n, n_places) [s].
         """
-        heard = np.repeat(heard_s[:, None], len(places), axis=1)
-        emitted = heard
+        received = np.repeat(heard_s[:, None], len(places), axis=1)
+        emitted = received
         for _ in range(_ROUNDS):
-            before, emitted = emitted, heard - self.distances(emitted, places) / velocity_mps
+            before, emitted = emitted, received - self.distances(emitted, places) / velocity_mps
             if np.abs(emitted - before).max(initial=0.0) < _CONVERGED_S:
                 break
         return emitted
@@ -478,10 +478,10 @@ class Drive:
         last = np.ceil(min(duration_s, self.pass_s + LASTS_S) / step_s)
         return np.arange(first, last, dtype=np.float64) * step_s
 
-    def closest_s(self, place: Array, duration_s: float) -> float | None:
+    def closest_s(self, position: Array, duration_s: float) -> float | None:
         """Return when it passes a place, or None where it does not before ``duration_s``."""
         time_s = self.times(duration_s, _NEAR_S)
-        square = self.distances(time_s, place) ** 2
+        square = self.distances(time_s, position) ** 2
         near = int(np.argmin(square))
         if not 0 < near < len(time_s) - 1:
             return None

@@ -115,12 +115,12 @@ def simulate_room(options: RoomOptions | None = None) -> Simulation:
         faults.dead,
         rails,
     )
-    said = replace(options, geometry=None, channels=len(field.channels.stations))
+    reported = replace(options, geometry=None, channels=len(field.channels.stations))
     return Simulation(
         sources=[(stream, "i16le", signal)],
         geometry=site,
         labels=labels_of(course.strikes, site, floor, faults),
-        metadata=described("room", said) | faults.described(site),
+        metadata=described("room", reported) | faults.described(site),
     )
 
 
@@ -225,8 +225,8 @@ class Walls:
     def rectangular(self) -> bool:
         """Whether the outline is a rectangle."""
         along = self._ends - self.corners
-        turned = np.einsum("ij,ij->i", along, np.roll(along, -1, axis=0))
-        return len(self.corners) == 4 and bool(np.abs(turned).max() < 1e-6)
+        products = np.einsum("ij,ij->i", along, np.roll(along, -1, axis=0))
+        return len(self.corners) == 4 and bool(np.abs(products).max() < 1e-6)
 
     def images(self, source: Array, places: Array) -> Images:
         """Return the force at ``source``, shape (2,), and its images, as seen from ``places``."""
@@ -245,9 +245,9 @@ class Walls:
                 seen.append(self.reflection**2 * inside)
         return Images(np.array([source, *mirrored]), np.array([through, *seen]))
 
-    def _mirrored(self, place: Array, wall: int) -> Array:
+    def _mirrored(self, position: Array, wall: int) -> Array:
         inward = self._inward[wall]
-        mirrored: Array = place - 2 * ((place - self.corners[wall]) @ inward) * inward
+        mirrored: Array = position - 2 * ((position - self.corners[wall]) @ inward) * inward
         return mirrored
 
     def _inside(self, places: Array) -> Array:
@@ -423,8 +423,8 @@ class Wavefield:
         images = self.walls.images(source, channels.stations)
         total = np.zeros((len(channels.axes), len(frequency)), np.complex128)
         columns = {axis: [i for i, a in enumerate(channels.axes) if a == axis] for axis in "xyz"}
-        for place, gains in zip(images.places, images.gains, strict=True):
-            away = channels.stations - place
+        for position, gains in zip(images.places, images.gains, strict=True):
+            away = channels.stations - position
             distance = np.hypot(*away.T)
             vertical = self._mounted(self.synthesis.plate.response(distance, frequency), gains)
             total[columns["z"]] += vertical[channels.station[columns["z"]]]
@@ -646,8 +646,8 @@ def _clocks(options: RoomOptions, site: Geometry) -> NDArray[np.float64]:
 
 
 def _channels(site: Geometry, option: str, name: str) -> list[int]:
-    found = [i for i, s in enumerate(site.sensors) if name in (s.name, s.channel)]
-    if not found:
+    indices = [i for i, s in enumerate(site.sensors) if name in (s.name, s.channel)]
+    if not indices:
         names = ", ".join(dict.fromkeys(s.name for s in site.sensors))
         raise refused(option, f"one of {names}", repr(name))
-    return found
+    return indices

@@ -37,9 +37,9 @@ ShoeName = Literal["heel", "bare", "mixed"]
 PathName = Literal["straight", "l", "v", "u", "circle", "ellipse", "there-and-back", "crossing"]
 
 
-def refused(option: str, expected: str, found: object) -> SimulationError:
+def refused(option: str, expected: str, actual: object) -> SimulationError:
     """Return the error that an option of the room is not what it must be."""
-    return SimulationError(f"simulate room: {option}: expected {expected}, found {found}")
+    return SimulationError(f"simulate room: {option}: expected {expected}, found {actual}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +144,9 @@ class RoomOptions:
 
     def check(self) -> None:
         """Raise SimulationError where an option is out of its range or two exclude each other."""
-        for name, good, expected, found in self._limits():
+        for name, good, expected, actual in self._limits():
             if not good:
-                raise refused(name, expected, found)
+                raise refused(name, expected, actual)
         for name, other in self._excluded():
             raise refused(name, f"none beside {other}", "both")
 
@@ -285,7 +285,7 @@ class Mounting:
 def stations_of(site: Geometry) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return the places of the stations, shape (n_stations, 2) [m], and each channel's station."""
     places = dict.fromkeys((s.x, s.y) for s in site.sensors)
-    number = {place: i for i, place in enumerate(places)}
+    number = {position: i for i, position in enumerate(places)}
     of_channel = np.array([number[s.x, s.y] for s in site.sensors], np.intp)
     return np.array(list(places), np.float64), of_channel
 
@@ -437,9 +437,9 @@ def _first_inside(box: Array, clear: Polygon) -> tuple[Array, Array]:
     for part in np.array_split(box, max(len(box) // 500, 1)):
         inside = shapely.contains(grown, shapely.box(*part.T))
         if inside.any():
-            found = part[int(np.argmax(inside))]
-            if float((found[2:] - found[:2]).min()) >= 0.5:
-                return found[:2], found[2:]
+            rectangle = part[int(np.argmax(inside))]
+            if float((rectangle[2:] - rectangle[:2]).min()) >= 0.5:
+                return rectangle[:2], rectangle[2:]
     raise refused("outline", "0.5 m or more to walk in", "less")
 
 
@@ -500,8 +500,10 @@ def drawn(options: RoomOptions) -> RoomOptions:
             site = Geometry(outline=_outline(options.side_m, side_m, str(kind), notch))
         site = replace(site, sensors=_sensors(rng, site, options.channels or count))
     if options.thickness_m is None and options.dispersion_m2s is None:
-        known = site.medium.thickness_m
-        options = replace(options, thickness_m=thickness_m if known is None else known)
+        site_thickness_m = site.medium.thickness_m
+        options = replace(
+            options, thickness_m=thickness_m if site_thickness_m is None else site_thickness_m
+        )
     walking = not options.impacts and options.walkers != 2
     return replace(
         options,

@@ -163,13 +163,13 @@ def _loudest(
     """Return a velocity that no sensor exceeds but by a rare swing [m/s]."""
     headroom = _HEADROOM * (1.0 if options.coherence_m is None else _FADING)
     loudest = [0.0]
-    for place in (np.array(p) for p in places_of(site).values()):
+    for position in (np.array(p) for p in places_of(site).values()):
         for vehicle in vehicles:
             time_s = vehicle.drive.times(options.length_s, 0.05)
-            near = vehicle.drive.distances(time_s, place).min()
+            near = vehicle.drive.distances(time_s, position).min()
             loudest.append(headroom * float(ground.amplitude(near, vehicle.mu, 0.0)))
         for burst in bursts:
-            near = np.hypot(*(place - (burst.x_m, burst.y_m)))
+            near = np.hypot(*(position - (burst.x_m, burst.y_m)))
             loudest.append(2 * burst.peak_mps * float(ground.amplitude(near, 1.0, 0.0)))
     return max(loudest)
 
@@ -215,8 +215,8 @@ def _passes(vehicle: Vehicle, site: Geometry, duration_s: float) -> Iterator[Lab
     """Give the moment at which the vehicle is closest to each station that it passes."""
     drive = vehicle.drive
     for station, (x, y) in places_of(site).items():
-        place = np.array([x, y])
-        closest_s = drive.closest_s(place, duration_s)
+        position = np.array([x, y])
+        closest_s = drive.closest_s(position, duration_s)
         if closest_s is None:
             continue
         at = np.array(closest_s)
@@ -231,7 +231,7 @@ def _passes(vehicle: Vehicle, site: Geometry, duration_s: float) -> Iterator[Lab
             channel=station,
             label="forward" if drive.forward else "backward",
             author=AUTHOR,
-            note=f"{drive.distances(at, place):.2f} m away, heading {heading_deg:.1f} deg",
+            note=f"{drive.distances(at, position):.2f} m away, heading {heading_deg:.1f} deg",
             target=vehicle.name,
         )
 
@@ -239,8 +239,8 @@ def _passes(vehicle: Vehicle, site: Geometry, duration_s: float) -> Iterator[Lab
 def _waypoints(vehicle: Vehicle, site: Geometry, duration_s: float) -> Iterator[Label]:
     """Give the vehicle's place at every whole second while it is near any station."""
     time_s = vehicle.drive.times(duration_s, 1.0)
-    stations = [np.array(place) for place in places_of(site).values()]
-    near = np.min([vehicle.drive.distances(time_s, place) for place in stations], axis=0)
+    stations = [np.array(position) for position in places_of(site).values()]
+    near = np.min([vehicle.drive.distances(time_s, position) for position in stations], axis=0)
     for second in time_s[near <= REACH_M]:
         x, y = vehicle.drive.places(np.array(second))
         yield Label(

@@ -99,13 +99,13 @@ class RoadSignal:
     def _heard(self, time_s: Array) -> list[Burst]:
         """Return the bursts that any station may feel in a block."""
         places = self.channels.places
-        heard = []
+        bursts = []
         for burst in self.bursts:
             farthest_m = np.hypot(*(places - (burst.x_m, burst.y_m)).T).max()
             over_s = burst.time_s + farthest_m / self.ground.velocity_mps + _LASTS * burst.decay_s
             if burst.time_s <= time_s[-1] and over_s >= time_s[0]:
-                heard.append(burst)
-        return heard
+                bursts.append(burst)
+        return bursts
 
     def _noise(self) -> Iterator[Array]:
         """Give a second of white noise at a time, shape (n_samples, n_channels) [m/s]."""
@@ -329,14 +329,14 @@ def between(samples: Complex, position: Array) -> Complex:
     -------
     Shape (..., n_columns).
     """
-    whole = np.floor(position).astype(np.intp)
-    row = (position - whole) * _ROWS
+    base = np.floor(position).astype(np.intp)
+    row = (position - base) * _ROWS
     before = row.astype(np.intp)
     part = (row - before)[..., None]
     weight = (1 - part) * _weights()[before] + part * _weights()[before + 1]
-    near = samples[whole[..., None] + _TAPS]
-    found: Complex = np.einsum("...k,...kp->...p", weight, near)
-    return found
+    near = samples[base[..., None] + _TAPS]
+    interpolated: Complex = np.einsum("...k,...kp->...p", weight, near)
+    return interpolated
 
 
 @lru_cache
@@ -481,29 +481,29 @@ def _walk(
     level = LEVEL_MPS * _STEP * rng.uniform(0.8, 1.25)
     places = path.places(_WALK_MPS * (times - when_s))
     return [
-        _burst(options, t, place, level * rng.uniform(0.85, 1.15), rng, name)
-        for t, place in zip(times, places, strict=True)
+        _burst(options, t, position, level * rng.uniform(0.85, 1.15), rng, name)
+        for t, position in zip(times, places, strict=True)
         if 0 <= t < options.length_s
     ]
 
 
 def _impact(options: VehicleOptions, site: Geometry, rng: np.random.Generator) -> Burst:
     angle, away_m = rng.uniform(0, 2 * np.pi), _AROUND_M * np.sqrt(rng.random())
-    place = middle_of(site) + away_m * np.array([np.cos(angle), np.sin(angle)])
+    position = middle_of(site) + away_m * np.array([np.cos(angle), np.sin(angle)])
     time_s = rng.uniform(0, options.length_s)
-    return _burst(options, time_s, place, LEVEL_MPS * _IMPACT * rng.uniform(0.6, 1.6), rng)
+    return _burst(options, time_s, position, LEVEL_MPS * _IMPACT * rng.uniform(0.6, 1.6), rng)
 
 
 def _burst(
     options: VehicleOptions,
     time_s: float,
-    place: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+    position: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
     peak_mps: float,
     rng: np.random.Generator,
     target: str = "",
 ) -> Burst:
     frequency_hz = min(rng.uniform(20.0, 35.0), 0.25 * options.rate_hz)
-    x, y = (float(v) for v in place)
+    x, y = (float(v) for v in position)
     return Burst(float(time_s), x, y, peak_mps, frequency_hz, rng.uniform(0.03, 0.06), target)
 
 

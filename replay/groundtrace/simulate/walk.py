@@ -145,13 +145,13 @@ def route_plan(options: WalkOptions, person: Person) -> tuple[Plan, float]:
 
 def _cut(plan: Plan, duration_s: float) -> tuple[Plan, float]:
     """Leave out what begins after the end."""
-    kept = Plan(
+    shortened = Plan(
         tuple(b for b in plan.bouts if b.span_s[0] < duration_s),
         tuple(t for t in plan.turns if t.start_s < duration_s),
         (),
         tuple(i for i in plan.idles if i.start_s < duration_s),
     )
-    return kept, duration_s
+    return shortened, duration_s
 
 
 def _stretches(options: WalkOptions, person: Person, rng: np.random.Generator) -> Iterator[Stretch]:
@@ -440,12 +440,12 @@ def gnss(walker: Walker) -> Samples:
     track = walker.plan.track(grid(walker.duration_s, 100.0))[::100]
     rng = np.random.default_rng([walker.options.seed, 8])
     wander, white = _GNSS_M
-    kept = np.exp(-1 / 60.0)
+    decay = np.exp(-1 / 60.0)
     error = np.empty((len(track), 3))
     now = wander * rng.standard_normal(3)
     for row in error:
         row[:] = now + white * rng.standard_normal(3)
-        now = kept * now + wander * np.sqrt(1 - kept**2) * rng.standard_normal(3)
+        now = decay * now + wander * np.sqrt(1 - decay**2) * rng.standard_normal(3)
     east, north = (track + error[:, :2]).T
     latitude = _ORIGIN[0] + np.degrees(north / _EARTH_M)
     longitude = _ORIGIN[1] + np.degrees(east / _EARTH_M / np.cos(np.radians(_ORIGIN[0])))
@@ -473,8 +473,8 @@ def walk_labels(walker: Walker) -> tuple[Label, ...]:
         for i in walker.plan.idles
     ]
     end_ns = _ns(float(truth.time_s[-1]))
-    kept = [_until(end_ns, x) for x in labels if x.time_ns <= end_ns]
-    return tuple(sorted(kept, key=lambda x: (x.time_ns, x.kind, x.channel)))
+    retained = [_until(end_ns, x) for x in labels if x.time_ns <= end_ns]
+    return tuple(sorted(retained, key=lambda x: (x.time_ns, x.kind, x.channel)))
 
 
 class _Truth:
@@ -618,14 +618,16 @@ def _offset(strength_t: float, rng: np.random.Generator) -> tuple[float, float, 
     return x, y, z
 
 
-def disturbing_field(found: tuple[Disturbance, ...], along_m: Array, lap_m: float | None) -> Array:
+def disturbing_field(
+    sources: tuple[Disturbance, ...], along_m: Array, lap_m: float | None
+) -> Array:
     """Return what disturbs the field after ``along_m`` (n,) metres of path, (n, 3) [T].
 
     A disturbance rises and falls as a squared cosine of the path.
     """
     field = np.zeros((len(along_m), 3))
     along_m = along_m if lap_m is None else along_m % lap_m
-    for one in found:
+    for one in sources:
         part = np.clip((along_m - one.middle_m) / one.width_m, -0.5, 0.5)
         field += (np.cos(np.pi * part) ** 2)[:, None] * one.offset_t
     return field
@@ -721,8 +723,8 @@ def simulate_same_walk(
     labels = [x for x in walk_labels(walker) if (x.kind, x.label) != ("waypoint", "turn")]
     labels = _placed(labels, walked)
     later_ns = walked.start_ns - START_NS + round(clock.ahead_s * NS_PER_S)
-    said = described("walk", chosen)
-    said["simulation"] |= {
+    metadata = described("walk", chosen)
+    metadata["simulation"] |= {
         "steps_of": walked.name,
         "clock_ahead_s": str(clock.ahead_s),
         "clock_drift_ppm": str(clock.drift_ppm),
@@ -731,7 +733,7 @@ def simulate_same_walk(
         sources=[(s.stream, "f64le", _Later(s, later_ns)) for s in walker.samples()],
         geometry=None,
         labels=tuple(label.later(later_ns) for label in labels),
-        metadata=said,
+        metadata=metadata,
     )
 
 
@@ -761,15 +763,15 @@ def _plan(walked: Walked, speed: float) -> Plan:
     bouts: list[Bout] = []
     turns: list[Turn] = []
     for span in spans:
-        contact_s, place = times[span], places[span]
-        walked_m = float(np.hypot(*np.diff(place, axis=0).T).sum()) or _STEP_M * len(place)
+        contact_s, positions = times[span], places[span]
+        walked_m = float(np.hypot(*np.diff(positions, axis=0).T).sum()) or _STEP_M * len(positions)
         moving_s = float(contact_s[-1] - contact_s[0]) - 0.5 * float(np.diff(contact_s).mean())
         first: Foot = "right" if steps[span.start].label == "right" else "left"
         strength = np.ones(len(contact_s))
         strength[[0, -1]] = 0.7
         speed_mps = walked_m / moving_s
         bouts.append(Bout(contact_s, strength, speed_mps, "forward", first))
-        turns += _turns(contact_s, place, turns)
+        turns += _turns(contact_s, positions, turns)
     return Plan(tuple(bouts), tuple(turns))
 
 
@@ -786,10 +788,10 @@ def _middle(steps: Sequence[Label]) -> NDArray[np.float64]:
 
 
 def _turns(
-    contact_s: NDArray[np.float64], place: NDArray[np.float64], before: Sequence[Turn]
+    contact_s: NDArray[np.float64], positions: NDArray[np.float64], before: Sequence[Turn]
 ) -> list[Turn]:
     """Return a turn at each step at which the line bends, and one that faces its start."""
-    legs = np.diff(place, axis=0)
+    legs = np.diff(positions, axis=0)
     course = np.arctan2(legs[:, 1], legs[:, 0])
     facing = sum(turn.angle_rad for turn in before)
     turns = []

@@ -93,8 +93,8 @@ class Ground:
         reaches = distance_m / np.maximum(distance_m, 1.0) ** 3
         reaches *= 1 / (1 + np.exp(-(distance_m - nearest_m) / 0.1))
         rise = np.sqrt(np.maximum(frequency_hz, 0.0) / REFERENCE_HZ)
-        turned = np.exp(-2j * np.pi * np.outer(distance_m / fast + delay_s, frequency_hz))
-        wave: Spectra = MOBILITY_MNS * HEAD * reaches[:, None] * rise * turned
+        phasors = np.exp(-2j * np.pi * np.outer(distance_m / fast + delay_s, frequency_hz))
+        wave: Spectra = MOBILITY_MNS * HEAD * reaches[:, None] * rise * phasors
         return wave
 
     def radial(self, distance_m: Array, frequency_hz: Array, lever_m: float) -> Spectra:

@@ -204,16 +204,16 @@ class RunWorker(CycleStage):
         self._found = ()
         if not run:
             return candidates_of([], len(self.columns))
-        found = self.rides(observed_of(run, self.site, self.parameters.exponent))
-        if not found:
+        rides = self.rides(observed_of(run, self.site, self.parameters.exponent))
+        if not rides:
             nothing = [0.0, *[np.nan] * (len(self.columns) - 1)]
             return candidates_of([(run[len(run) // 2].time_ns, 0, nothing)], len(self.columns))
         self._origin_ns = run[0].time_ns
-        middles = [float(ride.times_s[len(ride.times_s) // 2]) for ride in found]
-        order = sorted(range(len(found)), key=lambda i: middles[i])
-        self._found = tuple(found[i] for i in order)
+        middles = [float(ride.times_s[len(ride.times_s) // 2]) for ride in rides]
+        order = sorted(range(len(rides)), key=lambda i: middles[i])
+        self._found = tuple(rides[i] for i in order)
         rows = [
-            (self._origin_ns + round(middles[i] * 1e9), 0, list(found[i].values)) for i in order
+            (self._origin_ns + round(middles[i] * 1e9), 0, list(rides[i].values)) for i in order
         ]
         return candidates_of(rows, len(self.columns))
 
@@ -380,14 +380,14 @@ def direct_rides(
     fit, own_law = likeliest
     alone, its_law = min(steady, key=lambda one: _criterion(one[0]), default=(None, observed))
     both = None if alone is None else fit_two(its_law, search, alone)
-    spans = [_own_span(heard, one) for one, heard in both or ()]
+    spans = [_own_span(fitted_powers, one) for one, fitted_powers in both or ()]
     # where one of two is heard in no cycle beside the other, there is but one
-    if both is None or any(own.start == own.stop for own in spans):
+    if both is None or any(vehicle_span.start == vehicle_span.stop for vehicle_span in spans):
         scatter = fit.relative_sigma if alone is None else alone.relative_sigma
         return (_direct_ride(own_law, fit, span, velocity_mps, scatter),)
     return tuple(
-        _direct_ride(heard, one, own, velocity_mps, one.relative_sigma)
-        for (one, heard), own in zip(both, spans, strict=True)
+        _direct_ride(fitted_powers, one, vehicle_span, velocity_mps, one.relative_sigma)
+        for (one, fitted_powers), vehicle_span in zip(both, spans, strict=True)
     )
 
 
@@ -409,18 +409,20 @@ def _direct_ride(
 
 def cycle_ride(observed: Observed, loss: Loss) -> VehicleTrajectory | None:
     """Return the course through the places of single cycles, (7) and then (9) or a robust loss."""
-    heard = part_of(observed, near_span(observed))
-    places, _ = _places(heard)
-    known = np.isfinite(places).all(axis=1)
-    if known.sum() < _LEAST_PLACES:
+    near_powers = part_of(observed, near_span(observed))
+    places, _ = _places(near_powers)
+    valid = np.isfinite(places).all(axis=1)
+    if valid.sum() < _LEAST_PLACES:
         return None
-    course = through(heard.times_s[known], places[known], loss)
-    off = places - course.at(heard.times_s)
+    course = through(near_powers.times_s[valid], places[valid], loss)
+    off = places - course.at(near_powers.times_s)
     course = _widened(course, _CYCLES_UNKNOWN * repeated(off))
-    values = (float(known.sum()), *_motion(course, heard.times_s))
-    along = course.at(heard.times_s)
-    scatter, lost = scatter_along(heard, along), mirror_lost(heard, along, values[2])
-    return VehicleTrajectory(heard.times_s, (course,) * len(heard.times_s), values, scatter, lost)
+    values = (float(valid.sum()), *_motion(course, near_powers.times_s))
+    along = course.at(near_powers.times_s)
+    scatter, lost = scatter_along(near_powers, along), mirror_lost(near_powers, along, values[2])
+    return VehicleTrajectory(
+        near_powers.times_s, (course,) * len(near_powers.times_s), values, scatter, lost
+    )
 
 
 def curved_ride(observed: Observed, acceleration: float) -> VehicleTrajectory | None:
@@ -428,21 +430,24 @@ def curved_ride(observed: Observed, acceleration: float) -> VehicleTrajectory | 
 
     Once with the paper's scatter of powers, then with the one found about that path.
     """
-    heard = part_of(observed, near_span(observed))
-    places, spreads = _places(heard)
-    known = np.isfinite(places).all(axis=1)
-    if known.sum() < _LEAST_PLACES:
+    near_powers = part_of(observed, near_span(observed))
+    places, spreads = _places(near_powers)
+    valid = np.isfinite(places).all(axis=1)
+    if valid.sum() < _LEAST_PLACES:
         return None
     motion = MotionModel(acceleration)
-    guess = track_places(heard.times_s, places, spreads, motion)
-    path = track(heard, guess, motion, RELATIVE_SIGMA)
-    path = track(heard, path, motion, scatter_about(heard, path))
+    guess = track_places(near_powers.times_s, places, spreads, motion)
+    path = track(near_powers, guess, motion, RELATIVE_SIGMA)
+    path = track(near_powers, path, motion, scatter_about(near_powers, path))
     courses = tuple(
         _widened(path.course(cycle), _CURVE_UNKNOWN) for cycle in range(len(path.times_s))
     )
     middle = courses[len(courses) // 2]
-    values = (float(known.sum()), *_motion(middle, path.times_s[len(courses) // 2 :][:1]))
-    scatter, lost = scatter_along(heard, path.places), mirror_lost(heard, path.places, values[2])
+    values = (float(valid.sum()), *_motion(middle, path.times_s[len(courses) // 2 :][:1]))
+    scatter, lost = (
+        scatter_along(near_powers, path.places),
+        mirror_lost(near_powers, path.places, values[2]),
+    )
     return VehicleTrajectory(path.times_s, courses, values, scatter, lost)
 
 
@@ -500,9 +505,9 @@ def _places(observed: Observed) -> tuple[Array, Array]:
     places, spreads = cycle_places(
         replace(observed, powers=np.where(clear, observed.powers, np.nan)), x, y
     )
-    known = np.asarray(np.isfinite(spreads).all(axis=(1, 2)))
-    larger = np.linalg.eigvalsh(np.where(known[:, None, None], spreads, 0.0))[:, -1]
-    unsure = ~known | (larger > _UNSURE_M**2)
+    valid = np.asarray(np.isfinite(spreads).all(axis=(1, 2)))
+    larger = np.linalg.eigvalsh(np.where(valid[:, None, None], spreads, 0.0))[:, -1]
+    unsure = ~valid | (larger > _UNSURE_M**2)
     places[unsure], spreads[unsure] = np.nan, np.inf
     return places, spreads
 
@@ -617,7 +622,7 @@ def lines_of(site: Stations, text: str = "") -> tuple[Line, ...]:
 
 def _told(text: str) -> Line:
     try:
-        (x0, y0), (x1, y1) = (map(float, place.split(",")) for place in text.split())
+        (x0, y0), (x1, y1) = (map(float, point.split(",")) for point in text.split())
     except ValueError:
         raise PipelineError(f"line: expected two places as x,y x,y, found {text!r}") from None
     if (x0, y0) == (x1, y1):
@@ -632,18 +637,18 @@ def crossing_of(
     along = (line.end - line.start) / np.hypot(*(line.end - line.start))
     vx, vy = course.velocity
     steep = abs(along[0] * vy - along[1] * vx) / max(course.speed_mps, 1e-9)
-    found = course.crossing(line.start, line.end) if steep >= _STEEP else None
-    if found is None or not found.inside or not span_s[0] <= found.time_s <= span_s[1]:
+    crossing = course.crossing(line.start, line.end) if steep >= _STEEP else None
+    if crossing is None or not crossing.inside or not span_s[0] <= crossing.time_s <= span_s[1]:
         return
-    x, y = found.place.tolist()
+    x, y = crossing.place.tolist()
     yield LineCrossing(
-        way.origin_ns + round(found.time_s * NS_PER_S),
-        found.time_sigma_s,
+        way.origin_ns + round(crossing.time_s * NS_PER_S),
+        crossing.time_sigma_s,
         way.track,
         line.name,
         x,
         y,
-        found.along_sigma_m,
+        crossing.along_sigma_m,
         course.speed_mps,
         course.speed_sigma_mps,
         course.heading_rad,

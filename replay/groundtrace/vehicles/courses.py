@@ -185,18 +185,18 @@ def fit_course(
         for start in starts(observed, reach, each_mu)
     ]
     fits.sort(key=lambda fit: fit.deviance)
-    found = [model.result(fit) for fit in fits if np.isfinite(fit.covariance).all()]
-    if not found:
+    course_fits = [model.result(fit) for fit in fits if np.isfinite(fit.covariance).all()]
+    if not course_fits:
         return None
-    best = found[0]
+    best = course_fits[0]
     rivals: list[tuple[Course, float]] = []
-    for fit in found[1:]:
+    for fit in course_fits[1:]:
         # each found a fluctuation of its own; they are compared for the best one's
         lost = best.log_likelihood - fit.log_likelihood * (
             fit.relative_sigma**2 / best.relative_sigma**2
         )
-        known = [best.course, *(course for course, _ in rivals)]
-        if lost < MOST_LOST and all(_differ(fit.course, other) for other in known):
+        distinct = [best.course, *(course for course, _ in rivals)]
+        if lost < MOST_LOST and all(_differ(fit.course, other) for other in distinct):
             rivals.append((fit.course, lost))
     return replace(best, rivals=tuple(rivals))
 
@@ -205,9 +205,9 @@ def vehicle_power(observed: Observed, fit: CourseFit) -> Array:
     """Return the mean power of a vehicle of one strength, shape (c, n); 0 where there is none."""
     model = _Model(observed, each_mu=False)
     ahead = model.time_s - fit.course.time_s
-    place = fit.course.place + ahead * fit.course.velocity
+    position = fit.course.place + ahead * fit.course.velocity
     power: Array = np.zeros(observed.powers.shape)
-    power[model.used] = model.unit_power(np.concatenate([place, fit.course.velocity]))
+    power[model.used] = model.unit_power(np.concatenate([position, fit.course.velocity]))
     power *= np.exp(fit.log_mu[0])
     return power
 
@@ -238,9 +238,9 @@ class _Model:
         self.time_s = float(observed.times_s.mean())
         self.each_mu = each_mu
         cycle, _ = np.nonzero(self.used)
-        heard, group = np.unique(cycle, return_inverse=True)
+        cycles, group = np.unique(cycle, return_inverse=True)
         self.group = group if each_mu else np.zeros(len(cycle), np.intp)
-        self.strengths = len(heard) if each_mu else 1
+        self.strengths = len(cycles) if each_mu else 1
         self.samples = len(self.powers)
         self.fitted: Array = np.append(self.powers, 1.0) if fit_noise else self.powers
 
@@ -308,9 +308,9 @@ class _Model:
     def result(self, fit: Fitted) -> CourseFit:
         """Return a fit in words of a course."""
         strengths = slice(4, 4 + self.strengths)
-        place, velocity, log_mu = fit.values[:2], fit.values[2:4], fit.values[strengths]
+        position, velocity, log_mu = fit.values[:2], fit.values[2:4], fit.values[strengths]
         spread = fit.covariance[:4, :4] * self._repeated(fit)
-        course = Course(self.time_s, place, velocity, spread)
+        course = Course(self.time_s, position, velocity, spread)
         sigma = np.sqrt(np.diag(fit.covariance)[strengths])
         evidence = float("inf")
         if (self.floors > 0).all():
@@ -390,13 +390,13 @@ def starts(observed: Observed, search: Search, each_mu: bool) -> Array:
     )
     order = np.argsort(lost, kind="stable")
     apart = max((b - a) / (search.places - 1) for a, b in zip(search.low, search.high, strict=True))
-    kept: list[Array] = []
+    retained: list[Array] = []
     for course in courses[order]:
-        if all(_apart(course, other, apart) for other in kept):
-            kept.append(course)
-            if len(kept) == search.kept:
+        if all(_apart(course, other, apart) for other in retained):
+            retained.append(course)
+            if len(retained) == search.kept:
                 break
-    return np.array(kept)
+    return np.array(retained)
 
 
 def strengths(powers: Array, floors: Array, spread: Array, axes: tuple[int, ...]) -> Array:
@@ -539,8 +539,8 @@ def near_span(observed: Observed) -> slice:
 
 
 def _span(which: NDArray[np.bool_]) -> slice:
-    found = np.flatnonzero(which)
-    return slice(int(found[0]), int(found[-1]) + 1) if len(found) else slice(0, 0)
+    indices = np.flatnonzero(which)
+    return slice(int(indices[0]), int(indices[-1]) + 1) if len(indices) else slice(0, 0)
 
 
 def part_of(observed: Observed, span: slice) -> Observed:
@@ -609,21 +609,21 @@ def fit_two(
     """
     if one.relative_sigma < UNLIKE:
         return None
-    found = [(one, observed), (one, observed)]
+    fits = [(one, observed), (one, observed)]
     for turn in range(2 * _ROUNDS):
-        fit, noisier = _beside(observed, search, found[turn % 2][0])
+        fit, noisier = _beside(observed, search, fits[turn % 2][0])
         if fit is None:
             return None
-        found[1 - turn % 2] = fit, noisier
-    first, second = (fit for fit, _ in found)
+        fits[1 - turn % 2] = fit, noisier
+    first, second = (fit for fit, _ in fits)
     n = one.samples
     scatter = max(first.relative_sigma, second.relative_sigma)
     gain = 2 * n * np.log(one.relative_sigma / scatter) - _UNKNOWNS * np.log(n)
     if not gain > _MARGIN * n:
         return None
     centre = observed.sensors.mean(axis=0)
-    found.sort(key=lambda pair: _middle_s(pair[0], centre))
-    return found[0], found[1]
+    fits.sort(key=lambda pair: _middle_s(pair[0], centre))
+    return fits[0], fits[1]
 
 
 def _beside(

@@ -113,11 +113,11 @@ class CyclePlace:
 
     def log_likelihood(self, places: Array) -> Array:
         """Return the logarithm of (7) at places, shape (...) from (..., 2) [m]."""
-        heard = self._heard()
+        detecting = self._heard()
         unit = PowerLaw(1.0, self.law.exponent, self.law.loss_per_m)
-        spread = unit.power(ranges(places, self.sensors[heard]))
-        a = self.powers[heard] / spread
-        sigma = self._sigma(heard)
+        spread = unit.power(ranges(places, self.sensors[detecting]))
+        a = self.powers[detecting] / spread
+        sigma = self._sigma(detecting)
         mu = np.full(a.shape[:-1], self.law.mu) if self.mu_known else profiled_mu(a, sigma)
         off = (a / mu[..., None] - 1) / sigma
         scale = np.log(spread).sum(axis=-1) + a.shape[-1] * np.log(mu)
@@ -135,21 +135,23 @@ class CyclePlace:
         edge; its residual the relative root mean square of what the law leaves.
         """
         step = float(surface.x[1] - surface.x[0])
-        place = surface.best
+        position = surface.best
         reach = np.arange(-FINER, FINER + 1)
         for _ in range(REFINEMENTS):
             step /= FINER
             offsets = step * np.stack(np.meshgrid(reach, reach), axis=-1)
-            near = place + offsets
-            place = near.reshape(-1, 2)[best_node(self.log_likelihood(near))]
-        heard = int(self._heard().sum())
-        x, y = place.tolist()
-        return LocationEstimate(x, y, self._covariance(place), self._residual(place), heard)
+            near = position + offsets
+            position = near.reshape(-1, 2)[best_node(self.log_likelihood(near))]
+        sensor_count = int(self._heard().sum())
+        x, y = position.tolist()
+        return LocationEstimate(
+            x, y, self._covariance(position), self._residual(position), sensor_count
+        )
 
-    def _covariance(self, place: Array) -> Array:
+    def _covariance(self, position: Array) -> Array:
         h = 0.05  # [m]: far below what one cycle tells apart, far above rounding
         axes = h * np.eye(2)
-        corners = [place + i * axes[0] + j * axes[1] for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        corners = [position + i * axes[0] + j * axes[1] for i in (-1, 0, 1) for j in (-1, 0, 1)]
         f = self.log_likelihood(np.array(corners)).reshape(3, 3)
         xx, yy = f[2, 1] - 2 * f[1, 1] + f[0, 1], f[1, 2] - 2 * f[1, 1] + f[1, 0]
         xy = (f[2, 2] - f[2, 0] - f[0, 2] + f[0, 0]) / 4
@@ -158,18 +160,18 @@ class CyclePlace:
             return np.full((2, 2), np.inf)
         return np.asarray(np.linalg.inv(hessian), np.float64)
 
-    def _residual(self, place: Array) -> float:
-        heard = self._heard()
+    def _residual(self, position: Array) -> float:
+        detecting = self._heard()
         unit = PowerLaw(1.0, self.law.exponent, self.law.loss_per_m)
-        a = self.powers[heard] / unit.power(ranges(place, self.sensors[heard]))
-        mu = self.law.mu if self.mu_known else float(profiled_mu(a, self._sigma(heard)))
+        a = self.powers[detecting] / unit.power(ranges(position, self.sensors[detecting]))
+        mu = self.law.mu if self.mu_known else float(profiled_mu(a, self._sigma(detecting)))
         return float(np.sqrt(np.mean((a / mu - 1) ** 2)))
 
     def _heard(self) -> NDArray[np.bool_]:
         return np.isfinite(self.powers) & (self.powers > 0)
 
-    def _sigma(self, heard: NDArray[np.bool_]) -> Array:
-        return np.broadcast_to(self.relative_sigma, self.powers.shape)[heard]
+    def _sigma(self, detecting: NDArray[np.bool_]) -> Array:
+        return np.broadcast_to(self.relative_sigma, self.powers.shape)[detecting]
 
 
 def noise_subtracted(
@@ -276,22 +278,24 @@ class LikelihoodPlaces(CycleStage):
         if not cycle.present.any():
             return candidates_of([], len(self.columns))
         counted = cycle.powers > p.least_over_floor * cycle.floors
-        heard = int(counted.sum())
-        if heard < self.least_stations:
-            return candidates_of([(cycle.time_ns, 0, [heard, *[np.nan] * 4])], len(self.columns))
+        station_count = int(counted.sum())
+        if station_count < self.least_stations:
+            return candidates_of(
+                [(cycle.time_ns, 0, [station_count, *[np.nan] * 4])], len(self.columns)
+            )
         law = PowerLaw(p.mu or 1.0, p.exponent)
         signal, sigmas = noise_subtracted(
             cycle.powers, cycle.floors, cycle.floor_sigmas, p.relative_sigma
         )
         powers = np.where(counted, signal, np.nan)
-        place = CyclePlace(powers, self._site.places, law, p.mu > 0, sigmas)
-        surface = place.surface(self._x, self._y)
-        found = place.locate(surface)
-        self._found = cycle.time_ns, found, surface
-        inside = self._x[0] < found.x < self._x[-1] and self._y[0] < found.y < self._y[-1]
+        cycle_place = CyclePlace(powers, self._site.places, law, p.mu > 0, sigmas)
+        surface = cycle_place.surface(self._x, self._y)
+        estimate = cycle_place.locate(surface)
+        self._found = cycle.time_ns, estimate, surface
+        inside = self._x[0] < estimate.x < self._x[-1] and self._y[0] < estimate.y < self._y[-1]
         # at the edge of the lattice the maximum is not one: it lies beyond
-        sigma = found.larger_sigma_m if inside else np.inf
-        row = [heard, found.residual, found.x, found.y, sigma]
+        sigma = estimate.larger_sigma_m if inside else np.inf
+        row = [station_count, estimate.residual, estimate.x, estimate.y, sigma]
         return candidates_of([(cycle.time_ns, 0, row)], len(self.columns))
 
     def finish(self) -> Candidates:
@@ -417,39 +421,41 @@ def locate(
     weights = _weights(sensor_sigma, n)
     variance = 1 / np.sum(np.broadcast_to(sensor_sigma / exponent, n) ** -2.0)  # of all together
     measured = _centred(with_reference(log_theta) / exponent, weights)
-    place, slopes, residual = _refined(nodes[best_node(-misfit)], sensors, measured, weights)
+    position, slopes, residual = _refined(nodes[best_node(-misfit)], sensors, measured, weights)
     information = slopes.T @ slopes
     covariance = np.full((2, 2), np.inf)
     if np.linalg.cond(information) < 1e12:
         covariance = np.linalg.inv(information) * variance
     ties = int((misfit - misfit.min() <= variance).sum())
-    x, y = place.tolist()
+    x, y = position.tolist()
     return LocationEstimate(x, y, covariance, residual, n, ties)
 
 
 def _refined(
-    place: Array, sensors: Array, measured: Array, weights: Array
+    position: Array, sensors: Array, measured: Array, weights: Array
 ) -> tuple[Array, Array, float]:
     """Go downhill from a node; return the place, the slopes there and the residual."""
     damping = 1e-3
-    off, slopes = _misfit(place, sensors, measured, weights)
+    off, slopes = _misfit(position, sensors, measured, weights)
     for _ in range(_STEPS):
         information = slopes.T @ slopes
         ridge = damping * np.trace(information) * np.eye(2)
         step = np.linalg.solve(information + ridge + 1e-12 * np.eye(2), -slopes.T @ off)
-        tried, tried_slopes = _misfit(place + step, sensors, measured, weights)
+        tried, tried_slopes = _misfit(position + step, sensors, measured, weights)
         if tried @ tried <= off @ off:
-            place, off, slopes, damping = place + step, tried, tried_slopes, damping / 4
+            position, off, slopes, damping = position + step, tried, tried_slopes, damping / 4
         else:
             damping *= 8
-    return place, slopes, float(np.sqrt(off @ off))
+    return position, slopes, float(np.sqrt(off @ off))
 
 
-def _misfit(place: Array, sensors: Array, measured: Array, weights: Array) -> tuple[Array, Array]:
+def _misfit(
+    position: Array, sensors: Array, measured: Array, weights: Array
+) -> tuple[Array, Array]:
     """Return misfits and their slopes, each times the root of its weight."""
-    r, root = ranges(place, sensors), np.sqrt(weights)
+    r, root = ranges(position, sensors), np.sqrt(weights)
     off = _centred(np.log(r), weights) - measured
-    slopes = _centred(((place - sensors) / r[:, None] ** 2).T, weights)
+    slopes = _centred(((position - sensors) / r[:, None] ** 2).T, weights)
     return root * off, (root * slopes).T
 
 

@@ -122,7 +122,7 @@ class Course:
         if abs(rate) <= 1e-9 * self.speed_mps:
             return None
         ahead = float(across @ (start - self.place)) / rate
-        place = self.place + ahead * self.velocity
+        position = self.place + ahead * self.velocity
         # delta method: what the moment, and the way along the line, owe to (x, y, vx, vy)
         moved = np.concatenate([np.eye(2), ahead * np.eye(2)], axis=1)
         time_slope = -(across @ moved) / rate
@@ -130,10 +130,10 @@ class Course:
         time_sigma, along_sigma = (
             float(np.sqrt(slope @ self.covariance @ slope)) for slope in (time_slope, along_slope)
         )
-        way = float(along @ (place - start))
+        way = float(along @ (position - start))
         when = self.time_s + ahead
         return Crossing(
-            when, time_sigma, place, way, along_sigma, 0 <= way <= length, rightwards=rate > 0
+            when, time_sigma, position, way, along_sigma, 0 <= way <= length, rightwards=rate > 0
         )
 
 
@@ -159,18 +159,18 @@ def through(times_s: Array, places: Array, loss: Loss = "huber") -> Course:
     start = float(times_s.mean())
     design = np.stack([np.ones_like(times_s), times_s - start], axis=1)
     weights = np.ones(len(times_s))
-    found = _weighted(design, places, weights)
+    coefficients = _weighted(design, places, weights)
     for kind in {"squares": (), "huber": ("huber",), "tukey": ("huber", "tukey")}[loss]:
         for _ in range(_ROUNDS):
-            before = found
-            weights = _weights(kind, places - design @ found)
-            found = _weighted(design, places, weights)
-            if np.abs(found - before).max() <= 1e-12 * (1 + np.abs(found).max()):
+            before = coefficients
+            weights = _weights(kind, places - design @ coefficients)
+            coefficients = _weighted(design, places, weights)
+            if np.abs(coefficients - before).max() <= 1e-12 * (1 + np.abs(coefficients).max()):
                 break
-    off = places - design @ found
+    off = places - design @ coefficients
     variance = np.einsum("n,ni,nj->ij", weights, off, off) / max(weights.sum() - 2, 1e-9)
     inverse = np.linalg.inv(design.T @ (design * weights[:, None]))
-    return Course(start, found[0], found[1], np.kron(inverse, variance))
+    return Course(start, coefficients[0], coefficients[1], np.kron(inverse, variance))
 
 
 def _weighted(design: Array, places: Array, weights: Array) -> Array:

@@ -137,8 +137,8 @@ class Geophone:
         """
         x = frequency_hz / self.natural_hz
         low = 1 / (1 + 2j * self.damping * x - x**2)
-        found = low if self.kind == "low-pass" else -(x**2) * low
-        return np.asarray(found, np.complex128)
+        transfer = low if self.kind == "low-pass" else -(x**2) * low
+        return np.asarray(transfer, np.complex128)
 
 
 #: Gives the mean of each power and the derivatives of its logarithm, shapes (n,) and (n, p).
@@ -185,8 +185,8 @@ class Fitted:
 def deviance(powers: Array, mean: Array) -> Array:
     """Return 2 (U / m - 1 - ln(U / m)) for each power; shapes that numpy joins."""
     ratio = powers / mean
-    found: Array = 2 * (ratio - 1 - np.log(ratio))
-    return found
+    deviances: Array = 2 * (ratio - 1 - np.log(ratio))
+    return deviances
 
 
 def usable(powers: Array) -> NDArray[np.bool_]:
@@ -253,9 +253,9 @@ def _finished(
     scale = np.sqrt(np.diag(information))
     covariance = np.full((p, p), np.inf)
     if scale.min() > _OPEN * max(float(scale.max()), 1.0):  # a vehicle of no strength has none
-        alike = information / np.outer(scale, scale)
-        if np.linalg.cond(alike) < 1 / _OPEN:
-            covariance = np.linalg.inv(alike) / np.outer(scale, scale) * sigma**2
+        correlation = information / np.outer(scale, scale)
+        if np.linalg.cond(correlation) < 1 / _OPEN:
+            covariance = np.linalg.inv(correlation) / np.outer(scale, scale) * sigma**2
     return Fitted(values, covariance, lost, sigma, n)
 
 
@@ -291,21 +291,21 @@ class Scatter:
         """Variance by which as many independent cycles would tell as little."""
         return self.variance * (1 + self.lasting) / (1 - self.lasting)
 
-    def correlation(self, parts: Array, known: NDArray[np.bool_]) -> Array:
+    def correlation(self, parts: Array, valid: NDArray[np.bool_]) -> Array:
         """Return how alike stations scatter, shape (c, n, n).
 
         Parameters
         ----------
         parts
             Shape (v, c, n): part of the mean power that is each vehicle's.
-        known
+        valid
             Shape (c, n): where there is a power.
         """
-        alike = self.shared * np.einsum("vci,vcj->cij", parts, parts)
-        alike[~(known[:, :, None] & known[:, None, :])] = 0
-        own = np.arange(known.shape[1])
-        alike[:, own, own] = 1.0
-        return np.asarray(alike)
+        correlations = self.shared * np.einsum("vci,vcj->cij", parts, parts)
+        correlations[~(valid[:, :, None] & valid[:, None, :])] = 0
+        diagonal = np.arange(valid.shape[1])
+        correlations[:, diagonal, diagonal] = 1.0
+        return np.asarray(correlations)
 
 
 def cube_root_normalised(ratio: Array) -> Array:
@@ -316,7 +316,7 @@ def cube_root_normalised(ratio: Array) -> Array:
     return np.asarray(3 * (np.cbrt(ratio) - 1))
 
 
-def scatter_of(powers: Array, noise: Array, known: NDArray[np.bool_], mean: Array) -> Scatter:
+def scatter_of(powers: Array, noise: Array, valid: NDArray[np.bool_], mean: Array) -> Scatter:
     """Return the scatter of powers about a mean, by quantiles.
 
     A few cycles in which the mean is wrong, as a vehicle lacks, tell little in it.
@@ -325,12 +325,12 @@ def scatter_of(powers: Array, noise: Array, known: NDArray[np.bool_], mean: Arra
     ----------
     powers, noise
         Shape (c, n): noise included, and of the noise alone [unit^2].
-    known
+    valid
         Shape (c, n): where there is a power.
     mean
         Shape (c, n) [unit^2].
     """
-    clear = known & (mean > _CLEAR * noise)
+    clear = valid & (mean > _CLEAR * noise)
     off = np.where(clear, cube_root_normalised(np.where(clear, powers, 1.0) / mean), np.nan)
     if clear.sum() < _FEWEST:
         return Scatter()

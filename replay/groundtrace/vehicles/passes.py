@@ -89,7 +89,7 @@ def prominences(level_db: Array, peaks: NDArray[np.intp], reach: int) -> Array:
     reach
         Looked at on either side [cycles].
     """
-    found = np.zeros(len(peaks))
+    prominence_db = np.zeros(len(peaks))
     for i, peak in enumerate(peaks.tolist()):
         height = level_db[peak]
         before, after = level_db[max(0, peak - reach) : peak][::-1], level_db[peak + 1 :][:reach]
@@ -98,8 +98,8 @@ def prominences(level_db: Array, peaks: NDArray[np.intp], reach: int) -> Array:
         higher, other = np.flatnonzero(before > height), np.flatnonzero(after >= height)
         before = before[: higher[0]] if len(higher) else before
         after = after[: other[0]] if len(other) else after
-        found[i] = height - max(before.min(initial=height), after.min(initial=height))
-    return found
+        prominence_db[i] = height - max(before.min(initial=height), after.min(initial=height))
+    return prominence_db
 
 
 def tops(level: Array) -> NDArray[np.intp]:
@@ -128,10 +128,10 @@ def station_peaks(
         Least prominence [dB].
     """
     cycle_s = float(np.median(np.diff(times_s)))
-    known = np.isfinite(steady) & (steady > 0)
-    if not known.any():
+    valid = np.isfinite(steady) & (steady > 0)
+    if not valid.any():
         return ()
-    level = 10 * np.log10(np.where(known, steady, steady[known].min()))
+    level = 10 * np.log10(np.where(valid, steady, steady[valid].min()))
     where = tops(level)
     stands = prominences(level, where, round(reach_s / cycle_s))
     return tuple(
@@ -244,22 +244,22 @@ def chains(
         Least prominence of a chain [dB].
     """
     order = np.argsort(along_m, kind="stable")
-    found: list[Chain] = []
+    candidates: list[Chain] = []
     for direction in (1, -1):
         way = order[::direction].tolist()
         for members in _members(along_m, peaks, way, speeds_mps):
             chain = _chain(direction, along_m, members, len(way))
             if chain is not None and chain.prominence_db >= least_db:
-                found.append(chain)
-    found.sort(key=lambda chain: -chain.rank)
+                candidates.append(chain)
+    candidates.sort(key=lambda chain: -chain.rank)
     taken: set[tuple[int, int]] = set()
-    kept: list[Chain] = []
-    for chain in found:
-        own = {(station, id(peak)) for station, peak in chain.members}
-        if not own & taken:
-            kept.append(chain)
-            taken |= own
-    return tuple(sorted(kept, key=lambda chain: float(chain.moments().min())))
+    retained: list[Chain] = []
+    for chain in candidates:
+        chain_peaks = {(station, id(peak)) for station, peak in chain.members}
+        if not chain_peaks & taken:
+            retained.append(chain)
+            taken |= chain_peaks
+    return tuple(sorted(retained, key=lambda chain: float(chain.moments().min())))
 
 
 _Members = tuple[tuple[int, Peak], ...]
@@ -274,23 +274,23 @@ def _members(
     """Give the peaks of chains over all stations of a way, but for those that may be missed."""
     spare = len(way) // _SPARE
     ends: list[list[tuple[float, _Members]]] = []  # of each station, prominence and members
-    for place, station in enumerate(way):
+    for index, station in enumerate(way):
         here: list[tuple[float, _Members]] = []
         for peak in peaks[station]:
-            before: list[tuple[float, _Members]] = [(0.0, ())] if place <= spare else []
-            for back in range(1, min(place, spare + 1) + 1):
-                for total, members in ends[place - back]:
-                    missed = place - len(members)
+            before: list[tuple[float, _Members]] = [(0.0, ())] if index <= spare else []
+            for back in range(1, min(index, spare + 1) + 1):
+                for total, members in ends[index - back]:
+                    missed = index - len(members)
                     if missed <= spare and _follows(
                         along_m, members[-1], (station, peak), speeds_mps
                     ):
                         before.append((total, members))
             before.sort(key=lambda one: -one[0])
-            own = (station, peak)
-            here += [(total + peak.prominence_db, (*m, own)) for total, m in before[:_BEAM]]
+            member = (station, peak)
+            here += [(total + peak.prominence_db, (*m, member)) for total, m in before[:_BEAM]]
         ends.append(here)
-    for place in range(max(0, len(way) - 1 - spare), len(way)):
-        for _, members in ends[place]:
+    for index in range(max(0, len(way) - 1 - spare), len(way)):
+        for _, members in ends[index]:
             if len(members) >= max(2, len(way) - spare):
                 yield members
 

@@ -160,10 +160,10 @@ class CyclePower:
 
     def flush(self) -> CyclePowers:
         """Return the last cycles, of the very last half at least; then start anew."""
-        found = self._cut(open_end=False)
+        cycle_powers = self._cut(open_end=False)
         self._filter.zi = None
         self._times, self._samples, self._next = self._times[:0], self._samples[:, :0], None
-        return found
+        return cycle_powers
 
     def _cut(self, open_end: bool) -> CyclePowers:
         """Return the cycles that are complete, or all; keep what later ones need."""
@@ -180,13 +180,13 @@ class CyclePower:
         edges = np.searchsorted(self._times, starts_ns)
         spans = [slice(a, b) for a, b in pairwise(edges.tolist())]
         pairs = zip(numbers, spans, strict=True)
-        kept = [(number, s) for number, s in pairs if s.stop - s.start >= self._least]
-        found = self._powers([n for n, _ in kept], [s for _, s in kept])
+        cycles = [(number, s) for number, s in pairs if s.stop - s.start >= self._least]
+        cycle_powers = self._powers([n for n, _ in cycles], [s for _, s in cycles])
         self._next = max(self._next, stop)
         first_ns = (self._next * self.cycle_ns - around_ns) // BLOCK_NS * BLOCK_NS
         done = int(np.searchsorted(self._times, first_ns))
         self._times, self._samples = self._times[done:], self._samples[:, done:]
-        return found
+        return cycle_powers
 
     def _powers(self, numbers: list[int], spans: list[slice]) -> CyclePowers:
         shape = (len(self._samples), len(numbers))
@@ -208,13 +208,13 @@ class CyclePower:
         starts = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
         counts = np.diff(np.append(starts, len(number)))
         sums = np.add.reduceat(self._samples**2, starts, axis=1)
-        whole = counts >= min(self._least_block, counts.max())
-        means = sums[:, whole] / counts[whole]
+        full = counts >= min(self._least_block, counts.max())
+        means = sums[:, full] / counts[full]
         around = ((0, 0), (_MEDIAN // 2, _MEDIAN // 2))
         padded = np.pad(means, around, constant_values=np.nan)
         windows = np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN, axis=1)
-        middles = number[starts[whole]] * BLOCK_NS + BLOCK_NS // 2
-        return middles, counts[whole].astype(np.float64), means, np.nanmedian(windows, axis=2)
+        middles = number[starts[full]] * BLOCK_NS + BLOCK_NS // 2
+        return middles, counts[full].astype(np.float64), means, np.nanmedian(windows, axis=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,13 +259,13 @@ class NoiseFloor:
         old = self._power.shape[1]
         powers = np.concatenate([self._power, power], axis=1)
         freedoms = np.concatenate([self._freedom, freedom], axis=1)
-        found = np.empty((2, *power.shape))
+        levels = np.empty((2, *power.shape))
         for column in range(power.shape[1]):
             end = old + column + 1
             span = slice(max(0, end - self.cycles), end)
-            found[:, :, column] = self._level(powers[:, span], freedoms[:, span])
+            levels[:, :, column] = self._level(powers[:, span], freedoms[:, span])
         self._power, self._freedom = powers[:, -self.cycles :], freedoms[:, -self.cycles :]
-        return Floors(found[0], found[1])
+        return Floors(levels[0], levels[1])
 
     def _level(self, powers: Array, freedoms: Array) -> tuple[Array, Array]:
         n = powers.shape[1]
@@ -335,9 +335,9 @@ class AnalyticBand:
         y = np.asarray(y[:, skipped:])
         self._times = np.concatenate([self._times, times])
         done = slice(self.delay, self.delay + y.shape[1])
-        found = self._times[done]
+        complete_times = self._times[done]
         self._times = self._times[y.shape[1] :]
-        return found, y
+        return complete_times, y
 
 
 def power(analytic: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -450,11 +450,11 @@ class PresenceFeatures:
         ends = np.flatnonzero(np.diff(number)) + 1
         full = ends[ends >= self.window]
         windows = [self._samples[:, e - self.window : e] for e in full]
-        found = self._features(number[full] * self.cycle_ns, windows)
+        features = self._features(number[full] * self.cycle_ns, windows)
         # the next cycle ends at the next sample at the earliest: no more than a window is needed
         drop = max(0, len(self._times) - self.window)
         self._times, self._samples = self._times[drop:], self._samples[:, drop:]
-        return found
+        return features
 
     def _features(self, times: NDArray[np.int64], windows: list[Array]) -> Features:
         rows = np.empty((2, len(self._samples), len(windows)))
@@ -560,35 +560,35 @@ class VehiclePresence(Stage):
         """Yield the spans that have ended."""
         return self.spans.take(block)
 
-    def _measured(self, found: CyclePowers) -> Measured:
-        channels, cycles = found.power.shape
+    def _measured(self, cycle_powers: CyclePowers) -> Measured:
+        channels, cycles = cycle_powers.power.shape
         if not cycles:
             empty = np.empty((0, channels, 1), np.float32)
             return Measured(Candidates.empty(_COLUMNS), Frames(np.empty(0, np.int64), empty))
-        floors = self.state.floor(found.power, found.freedom)
+        floors = self.state.floor(cycle_powers.power, cycle_powers.freedom)
         floor = floors.power
         columns = np.full((_COLUMNS, channels, cycles), np.nan)
-        over_db = over_floor_db(found.steady, floor)
-        columns[:5] = over_db, found.power, floor, floors.sigma, found.steady
+        over_db = over_floor_db(cycle_powers.steady, floor)
+        columns[:5] = over_db, cycle_powers.power, floor, floors.sigma, cycle_powers.steady
         half_ns = self.state.cycles.cycle_ns // 2
         shapes = self.state.shapes
         _, mine, theirs = np.intersect1d(
-            found.time_ns + half_ns, shapes.time_ns, return_indices=True
+            cycle_powers.time_ns + half_ns, shapes.time_ns, return_indices=True
         )
         columns[5:, :, mine] = np.array([shapes.flatness, shapes.centroid_hz])[..., theirs]
-        self.state.shapes = shapes.after(int(found.time_ns[-1]) + half_ns)
+        self.state.shapes = shapes.after(int(cycle_powers.time_ns[-1]) + half_ns)
         values = columns.transpose(2, 1, 0).astype(np.float32)
         candidates = Candidates(
-            np.repeat(found.time_ns, channels),
+            np.repeat(cycle_powers.time_ns, channels),
             np.tile(np.arange(channels, dtype=np.int32), cycles),
             values.reshape(-1, _COLUMNS),
         )
-        return Measured(candidates, Frames(found.time_ns - half_ns, values[..., :1]))
+        return Measured(candidates, Frames(cycle_powers.time_ns - half_ns, values[..., :1]))
 
 
 def over_floor_db(power: Array, floor: Array) -> Array:
     """Return power over the floor [dB], any shape; 0 where there is no floor."""
-    known = floor > 0
-    ratio = np.divide(power, floor, out=np.ones_like(power), where=known)
+    valid = floor > 0
+    ratio = np.divide(power, floor, out=np.ones_like(power), where=valid)
     least = 10 ** (-_RANGE_DB / 10)
     return np.asarray(np.clip(10 * np.log10(np.maximum(ratio, least)), -_RANGE_DB, _RANGE_DB))

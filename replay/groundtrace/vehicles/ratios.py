@@ -114,9 +114,9 @@ class Noise:
     @classmethod
     def of(cls, powers: Array, floors: Array, floor_sigmas: Array) -> Noise:
         """Return it for powers with the noise, that of the noise, and its standard deviation."""
-        heard = np.maximum(powers, np.finfo(np.float32).tiny)
-        share = np.clip(1 - floors / heard, _LEAST_SHARE, 1.0)
-        return cls(share, floor_sigmas / (share * heard))
+        total_power = np.maximum(powers, np.finfo(np.float32).tiny)
+        share = np.clip(1 - floors / total_power, _LEAST_SHARE, 1.0)
+        return cls(share, floor_sigmas / (share * total_power))
 
     def variance(self, count: Array) -> Array:
         """Return by how much taking the noise off raises the variance of ln of power, shape (n,).
@@ -126,28 +126,30 @@ class Noise:
         return np.asarray((self.share**-2 - 1) / count.mean() + self.sigma**2)
 
 
-def without_noise(found: RatioEstimate, noise: Noise) -> RatioEstimate:
+def without_noise(ratio_estimate: RatioEstimate, noise: Noise) -> RatioEstimate:
     """Return ratios of what the vehicle alone gives, from those of all that is heard.
 
     Parameters
     ----------
-    found
+    ratio_estimate
         Of n - 1 sensors to a reference, shape (n - 1,).
     noise
         Of the n sensors, the reference first.
     """
-    log_share, more = np.log(noise.share), noise.variance(found.count)
-    sigma = np.sqrt(found.log_sigma**2 + more[1:] + more[0])
-    return RatioEstimate(found.log_theta + log_share[0] - log_share[1:], sigma, found.count)
+    log_share, more = np.log(noise.share), noise.variance(ratio_estimate.count)
+    sigma = np.sqrt(ratio_estimate.log_sigma**2 + more[1:] + more[0])
+    return RatioEstimate(
+        ratio_estimate.log_theta + log_share[0] - log_share[1:], sigma, ratio_estimate.count
+    )
 
 
-def sensor_sigmas(found: RatioEstimate, noise: Noise) -> Array:
+def sensor_sigmas(ratio_estimate: RatioEstimate, noise: Noise) -> Array:
     """Return the standard deviations of ln of each sensor's own power, shape (n,).
 
     Of independent sensors those of :func:`without_noise` are made up of; parameters as there.
     """
-    own = 0.5 * float(np.mean(found.log_sigma**2))
-    return np.sqrt(own + noise.variance(found.count))
+    ratio_variance = 0.5 * float(np.mean(ratio_estimate.log_sigma**2))
+    return np.sqrt(ratio_variance + noise.variance(ratio_estimate.count))
 
 
 def log_likelihood(log_theta: Array, log_s: Array) -> Array:
@@ -223,9 +225,9 @@ def independent(log_theta: Array, log_s: Array) -> Array:
     spectrum = np.abs(np.fft.rfft(score, 2 * k, axis=-1)) ** 2
     covariance = np.fft.irfft(spectrum, axis=-1)[..., :k]
     power = covariance[..., :1]
-    alike = np.divide(covariance, power, out=np.zeros_like(covariance), where=power > 0)
-    until = np.cumprod(alike > 0, axis=-1)
-    length = 2 * (alike * until).sum(axis=-1) - 1
+    autocorrelations = np.divide(covariance, power, out=np.zeros_like(covariance), where=power > 0)
+    until = np.cumprod(autocorrelations > 0, axis=-1)
+    length = 2 * (autocorrelations * until).sum(axis=-1) - 1
     return np.asarray(np.clip(k / np.maximum(length, 1.0), 1.0, k))
 
 
@@ -342,9 +344,9 @@ class HeardCycles:
         columns = [named.index(name) for name in ("power", "floor", "floor_sigma")]
         for time_ns in np.unique(block.time_ns[block.accepted]).tolist():
             rows = np.flatnonzero(block.time_ns == time_ns)
-            known = np.full((len(self.names), len(columns)), np.nan)
-            known[block.channel[rows]] = block.value[rows][:, columns]
-            self.cycles.append((time_ns, known))
+            values = np.full((len(self.names), len(columns)), np.nan)
+            values[block.channel[rows]] = block.value[rows][:, columns]
+            self.cycles.append((time_ns, values))
         while self.cycles and self.cycles[0][0] < self.cycles[-1][0] - _KEEP_NS:
             self.cycles.popleft()
 
@@ -354,8 +356,8 @@ class HeardCycles:
             self.cycles.popleft()
         if not self.cycles or self.cycles[0][0] != time_ns:
             return None
-        known = self.cycles[0][1][[self.names.index(name) for name in names]]
-        return Noise.of(*known.T)
+        values = self.cycles[0][1][[self.names.index(name) for name in names]]
+        return Noise.of(*values.T)
 
 
 class RatioPlaces(Stage):
@@ -424,8 +426,8 @@ class RatioPlaces(Stage):
                 continue
             columns = [
                 column
-                for found in ratios.without(noise).estimates.values()
-                for column in (found.log_theta, found.log_sigma)
+                for ratio_estimate in ratios.without(noise).estimates.values()
+                for column in (ratio_estimate.log_theta, ratio_estimate.log_sigma)
             ]
             value = np.stack(columns, axis=-1).astype(np.float32)[None]
             yield Frames(np.array([ratios.time_ns], np.int64), value)
@@ -457,8 +459,8 @@ class RatioPlaces(Stage):
 
     def add(self, times: NDArray[np.int64], x: Array) -> Iterator[CycleRatios]:
         """Take samples of the stations, shapes (n_samples,) and (n, n_samples)."""
-        told, analytic = self._band(times, x)
-        self._times = np.concatenate([self._times, told])
+        band_times, analytic = self._band(times, x)
+        self._times = np.concatenate([self._times, band_times])
         self._powers = np.concatenate([self._powers, power(analytic)], axis=1)
         number = self._times // self._cycle_ns
         edges = np.flatnonzero(np.diff(number)) + 1
@@ -473,16 +475,19 @@ class RatioPlaces(Stage):
     def locate(self, ratios: CycleRatios, noise: Noise) -> LocationEstimate:
         """Return the place that suits the ratios of a cycle, of all that is heard."""
         p = self.parameters
-        found = ratios.estimates[p.estimator]
-        log_theta, sigmas = without_noise(found, noise).log_theta, sensor_sigmas(found, noise)
-        place = locate(self._nodes, self._sensors, log_theta, sigmas, p.exponent)
+        ratio_estimate = ratios.estimates[p.estimator]
+        log_theta, sigmas = (
+            without_noise(ratio_estimate, noise).log_theta,
+            sensor_sigmas(ratio_estimate, noise),
+        )
+        location = locate(self._nodes, self._sensors, log_theta, sigmas, p.exponent)
         if p.method != "squares":
-            place = self._otherwise(log_theta, sigmas, place)
-        inside = (self._low < (place.x, place.y)) & ((place.x, place.y) < self._high)
-        return place if inside.all() else no_location(len(self._sensors))
+            location = self._otherwise(log_theta, sigmas, location)
+        inside = (self._low < (location.x, location.y)) & ((location.x, location.y) < self._high)
+        return location if inside.all() else no_location(len(self._sensors))
 
     def _otherwise(
-        self, log_theta: Array, sigmas: Array, place: LocationEstimate
+        self, log_theta: Array, sigmas: Array, location: LocationEstimate
     ) -> LocationEstimate:
         """Return the place by (17) or (16), as sure as that of least squares."""
         p = self.parameters
@@ -496,7 +501,7 @@ class RatioPlaces(Stage):
         misfit = squares(spots, self._sensors, log_theta, p.exponent, sigmas)
         best = best_node(-misfit)  # of two mirrored places the one that suits the others
         (x, y), residual = spots[best].tolist(), float(np.sqrt(misfit[best]))
-        return LocationEstimate(x, y, place.covariance, residual, len(self._sensors))
+        return LocationEstimate(x, y, location.covariance, residual, len(self._sensors))
 
     def _estimates(self, powers: Array) -> dict[Method, RatioEstimate]:
         return {method: estimate(powers[1:], powers[:1], method) for method in DEVIATIONS}

@@ -140,9 +140,9 @@ class StationJoin:
         if time_ns not in self._waiting:
             n = len(self.site.names)
             self._waiting[time_ns] = np.full((4, n), np.nan), np.zeros(n, np.bool_)
-        sums, heard = self._waiting[time_ns]
+        sums, detected = self._waiting[time_ns]
         sums[:, station] = np.where(np.isnan(sums[:, station]), 0, sums[:, station]) + values
-        heard[station] |= present
+        detected[station] |= present
 
     def _until(self, last_ns: int) -> Iterator[StationPowers]:
         for time_ns in sorted(self._waiting):

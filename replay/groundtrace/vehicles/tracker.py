@@ -136,15 +136,15 @@ def track_places(
         How the motion strays.
     """
     rows = np.concatenate([places, covariances.reshape(-1, 4)], axis=1)
-    known = np.asarray(np.isfinite(rows).all(axis=1))
-    start = np.concatenate([places[known][0], np.zeros(2)])
+    valid = np.asarray(np.isfinite(rows).all(axis=1))
+    start = np.concatenate([places[valid][0], np.zeros(2)])
     run = _Run(times_s, start, motion or MotionModel())
     for cycle in range(len(times_s)):
         run.predict(cycle)
-        if known[cycle]:
+        if valid[cycle]:
             run.update(places[cycle], np.eye(2, 4), covariances[cycle])
         run.keep()
-    return run.path(2 * known.astype(np.int64))
+    return run.path(2 * valid.astype(np.int64))
 
 
 def cycle_places(
@@ -170,12 +170,12 @@ def cycle_places(
     covariances = np.full((len(places), 2, 2), np.inf)
     rows = noise_subtracted(observed.powers, observed.floors, observed.floor_sigmas, relative_sigma)
     for cycle, (signal, sigma) in enumerate(zip(*rows, strict=True)):
-        place = CyclePlace(signal, observed.sensors, observed.law, False, sigma)
-        if np.sum(place.powers > 0) < _LEAST_HEARD:
+        cycle_place = CyclePlace(signal, observed.sensors, observed.law, False, sigma)
+        if np.sum(cycle_place.powers > 0) < _LEAST_HEARD:
             continue
-        found = place.locate(place.surface(x, y))
-        if x[0] < found.x < x[-1] and y[0] < found.y < y[-1]:
-            places[cycle], covariances[cycle] = (found.x, found.y), found.covariance
+        estimate = cycle_place.locate(cycle_place.surface(x, y))
+        if x[0] < estimate.x < x[-1] and y[0] < estimate.y < y[-1]:
+            places[cycle], covariances[cycle] = (estimate.x, estimate.y), estimate.covariance
     return places, covariances
 
 
@@ -228,8 +228,8 @@ def scatter_about(observed: Observed, path: Path) -> float:
     off = np.where(
         used, cube_root_normalised(np.where(used, observed.powers, 1.0) / np.exp(mean)), np.nan
     )
-    found = float(np.nanvar(off)) * repeated(off)
-    return float(np.clip(np.sqrt(found), RELATIVE_SIGMA, _MOST_SIGMA))
+    variance = float(np.nanvar(off)) * repeated(off)
+    return float(np.clip(np.sqrt(variance), RELATIVE_SIGMA, _MOST_SIGMA))
 
 
 def _pass(observed: Observed, about: Array, logs: Array, noise: Array, motion: MotionModel) -> Path:

@@ -221,7 +221,9 @@ class StationPasses(CycleStage):
             np.array([getattr(c, name) for c in cycles]) for name in ("powers", "steady", "floors")
         )
         self._found = self._passes(times, powers, steady, floors)
-        self._found.sort(key=lambda found: (self._at_ns(found[1].time_s), found[0]))
+        self._found.sort(
+            key=lambda station_pass: (self._at_ns(station_pass[1].time_s), station_pass[0])
+        )
         rows = [
             (self._at_ns(one.time_s), station, _values(one, vehicle))
             for station, one, vehicle in self._found
@@ -235,9 +237,9 @@ class StationPasses(CycleStage):
         where = first + int(np.argmin(level))
         rest, last_ns = self._cycles[where:], self._last_ns
         self._cycles = self._cycles[:where]
-        found = self.finish()
+        candidates = self.finish()
         self._cycles, self._last_ns = rest, last_ns
-        return found
+        return candidates
 
     def _passes(
         self, times: Array, powers: Array, steady: Array, floors: Array
@@ -271,10 +273,12 @@ class StationPasses(CycleStage):
 
     def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
         """Yield the accepted passes; a vehicle has two at least. Say what places contradict."""
-        kept = [found for found, good in zip(self._found, accepted, strict=True) if good]
-        passed = Counter(id(vehicle) for _, _, vehicle in kept if vehicle is not None)
+        passes = [
+            station_pass for station_pass, good in zip(self._found, accepted, strict=True) if good
+        ]
+        passed = Counter(id(vehicle) for _, _, vehicle in passes if vehicle is not None)
         numbers: dict[int, int] = {}
-        for station, one, vehicle in kept:
+        for station, one, vehicle in passes:
             if vehicle is None:
                 yield self._pass(station, one, None)
                 continue
@@ -285,8 +289,8 @@ class StationPasses(CycleStage):
                 numbers[id(vehicle)] = self._vehicles
                 self._check.update(vehicle.chain)
             yield self._pass(station, one, (numbers[id(vehicle)], vehicle))
-        text = self._check.text() if kept else ""
-        if kept and self._alone:
+        text = self._check.text() if passes else ""
+        if passes and self._alone:
             text = self._check.unknown()
         if text:
             yield Note(self._origin_ns, text, "WARN", self._stage)
@@ -318,8 +322,8 @@ class StationPasses(CycleStage):
 
 def _activity(cycle: StationPowers) -> float:
     """Return the highest running median over the noise."""
-    known = np.isfinite(cycle.steady) & (cycle.floors > 0)
-    return float((cycle.steady[known] / cycle.floors[known]).max(initial=0.0))
+    valid = np.isfinite(cycle.steady) & (cycle.floors > 0)
+    return float((cycle.steady[valid] / cycle.floors[valid]).max(initial=0.0))
 
 
 #: A pass of a chain is as uncertain as this part of its peak, whose own deviation allows for two
@@ -473,20 +477,22 @@ def driven(
     stands = own_prominences(observed, fitted)
     mean = _mean(observed, [one.vehicle for one in fitted], slice(None))
     left = dict(enumerate(fitted))
-    found, alone = [], []
+    vehicles, alone = [], []
     for chain in linked:
         near = [(_apart(observed, one, chain), number) for number, one in left.items()]
         if near and min(near)[0] <= _AGREES:
             number = min(near)[1]
-            found.append(_fitted_vehicle(observed, left.pop(number), stands[number], chain, mean))
+            vehicles.append(
+                _fitted_vehicle(observed, left.pop(number), stands[number], chain, mean)
+            )
         else:
             alone.append(chain)
     lawful = [one for one in left.values() if scatter_about(observed, one, mean) <= _HOLDS]
     alone = [c for c in alone if not any(_shared(observed, one, c) >= 0.5 for one in lawful)]
     for number, one in left.items():
         if not any(_shared(observed, one, chain) > 0.5 for chain in alone):
-            found.append(_fitted_vehicle(observed, one, stands[number], None, mean))
-    return (*found, *(_chain_vehicle(observed, chain) for chain in alone))
+            vehicles.append(_fitted_vehicle(observed, one, stands[number], None, mean))
+    return (*vehicles, *(_chain_vehicle(observed, chain) for chain in alone))
 
 
 def _started(
@@ -549,25 +555,29 @@ def _chain_vehicle(observed: RoadPowers, chain: Chain) -> RoadVehicle:
 
 
 def _fitted_vehicle(
-    observed: RoadPowers, told: FittedVehicle, stands_db: Array, chain: Chain | None, mean: Array
+    observed: RoadPowers,
+    fitted_vehicle: FittedVehicle,
+    stands_db: Array,
+    chain: Chain | None,
+    mean: Array,
 ) -> RoadVehicle:
     """Return a vehicle of the joint fit.
 
     Where powers scatter about the fitted mean, (c, n), by more than the law has them scatter, what
     stands out by the fit alone counts less.
     """
-    vehicle, speed = told.vehicle, told.vehicle.speed_mps
+    vehicle, speed = fitted_vehicle.vehicle, fitted_vehicle.vehicle.speed_mps
     first, last = observed.times_s[0], observed.times_s[-1]
-    if not scatter_about(observed, told, mean) <= _HOLDS:
+    if not scatter_about(observed, fitted_vehicle, mean) <= _HOLDS:
         stands_db = stands_db - _HIDDEN_DB
     for station, peak in chain.members if chain is not None else ():
         stands_db[station] = max(stands_db[station], peak.prominence_db)
     passes = tuple(
         (station, one)
-        for station, one in enumerate(_passes(observed, told, stands_db))
+        for station, one in enumerate(_passes(observed, fitted_vehicle, stands_db))
         if first <= one.time_s <= last
     )
-    sigma = speed * float(np.sqrt(told.covariance[SLOWNESS, SLOWNESS]))
+    sigma = speed * float(np.sqrt(fitted_vehicle.covariance[SLOWNESS, SLOWNESS]))
     mean_db = float(stands_db.mean())
     breadth, legs = _breadth(observed, passes, speed), (speed, speed)
     return RoadVehicle(speed, sigma, vehicle.direction, passes, legs, mean_db, breadth, chain)
@@ -603,7 +613,7 @@ def own_prominences(observed: RoadPowers, fitted: Sequence[FittedVehicle]) -> li
     means = np.array([observed.power(one.vehicle, slice(None))[0] for one in fitted])
     moments = np.array([observed.moments(one.vehicle) for one in fitted])
     reach = round(_REACH_S / observed.cycle_s)
-    found = []
+    prominences_db = []
     for number, one in enumerate(fitted):
         apart = np.abs(moments - moments[number]) > _MERGED_S
         others = (means * apart[:, None, :]).sum(axis=0)
@@ -619,8 +629,8 @@ def own_prominences(observed: RoadPowers, fitted: Sequence[FittedVehicle]) -> li
                 before = level[max(0, peak - reach) : peak + 1, station].min()
                 after = level[peak : peak + reach + 1, station].min()
                 stands[station] = level[peak, station] - max(before, after)
-        found.append(stands)
-    return found
+        prominences_db.append(stands)
+    return prominences_db
 
 
 def _of_three(level: Array) -> Array:
@@ -642,22 +652,24 @@ def scatter_about(observed: RoadPowers, one: FittedVehicle, mean: Array) -> floa
 
 def _singled(observed: RoadPowers, fitted: Sequence[FittedVehicle]) -> tuple[FittedVehicle, ...]:
     """Return vehicles without those that go beside a stronger one all the way: its other half."""
-    kept: list[FittedVehicle] = []
+    retained: list[FittedVehicle] = []
     for one in sorted(fitted, key=lambda one: -float(one.vehicle.values[PEAK])):
         moments = observed.moments(one.vehicle)
         beside = (
             other.vehicle.direction == one.vehicle.direction
             and float(np.abs(observed.moments(other.vehicle) - moments).max()) < _MERGED_S
-            for other in kept
+            for other in retained
         )
         if not any(beside):
-            kept.append(one)
-    return tuple(sorted(kept, key=lambda one: float(one.vehicle.values[MOMENT])))
+            retained.append(one)
+    return tuple(sorted(retained, key=lambda one: float(one.vehicle.values[MOMENT])))
 
 
-def _passes(observed: RoadPowers, told: FittedVehicle, stands_db: Array) -> Iterator[StationPass]:
+def _passes(
+    observed: RoadPowers, fitted_vehicle: FittedVehicle, stands_db: Array
+) -> Iterator[StationPass]:
     """Give a vehicle's pass at each station, errors by the delta method."""
-    vehicle, spread = told.vehicle, told.covariance
+    vehicle, spread = fitted_vehicle.vehicle, fitted_vehicle.covariance
     moments, widths, peaks = (
         f(vehicle).tolist() for f in (observed.moments, observed.widths, observed.peaks)
     )
@@ -673,7 +685,7 @@ def _passes(observed: RoadPowers, told: FittedVehicle, stands_db: Array) -> Iter
             widths[station],
             float(stands_db[station]),
             over_db,
-            told.together,
+            fitted_vehicle.together,
         )
 
 
@@ -752,19 +764,19 @@ class Stretch:
 
     def _at(self, values: Array, signs: tuple[int, ...], around: Array) -> _State:
         observed = self.observed
-        known = observed.known[self.rows]
+        valid = observed.known[self.rows]
         mean, parts, slopes = self._model(values, signs)
         variance, tempered = self.scatter.variance, self.scatter.effective
-        ratio = np.where(known, observed.powers[self.rows], mean) / mean
-        off = np.where(known, cube_root_normalised(ratio) + variance / 3, 0.0)
-        lower = np.linalg.cholesky(self.scatter.correlation(parts, known))
+        ratio = np.where(valid, observed.powers[self.rows], mean) / mean
+        off = np.where(valid, cube_root_normalised(ratio) + variance / 3, 0.0)
+        lower = np.linalg.cholesky(self.scatter.correlation(parts, valid))
         white = np.linalg.solve(lower, np.concatenate([slopes, off[:, :, None]], axis=2))
         design = white[..., :-1].reshape(mean.size, slopes.shape[2])
         left = white[..., -1]
         # what the mean does to the density of a cube root: its Jacobian, and the determinant
         scale = 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum() - 2 / 3 * np.log(ratio).sum()
         weights = np.linalg.solve(np.swapaxes(lower, 1, 2), left[..., None])[..., 0]
-        score = np.where(known, np.cbrt(ratio) * weights / tempered - variance / tempered / 3, 0.0)
+        score = np.where(valid, np.cbrt(ratio) * weights / tempered - variance / tempered / 3, 0.0)
         precision = np.tile(observed.precision, len(values))
         away = (values - around).ravel()
         lost = float(((left**2).sum() + scale * variance) / tempered + precision @ away**2)
@@ -776,15 +788,17 @@ class Stretch:
 
     def _model(self, values: Array, signs: tuple[int, ...]) -> tuple[Array, Array, Array]:
         """Return the mean, each vehicle's part of it, and slopes of its logarithm."""
-        found = [
+        contributions = [
             self.observed.power(Vehicle(row, sign), self.rows)
             for row, sign in zip(values, signs, strict=True)
         ]
-        mean = self.beside + sum((power for power, _ in found), np.zeros_like(self.beside))
-        parts = np.array([power / mean for power, _ in found]).reshape(-1, *mean.shape)
-        slopes = np.concatenate([np.zeros((*mean.shape, 0)), *(s for _, s in found)], axis=2)
-        known = self.observed.known[self.rows]
-        return mean, parts, np.where(known, 1 / mean, 0.0)[:, :, None] * slopes
+        mean = self.beside + sum((power for power, _ in contributions), np.zeros_like(self.beside))
+        parts = np.array([power / mean for power, _ in contributions]).reshape(-1, *mean.shape)
+        slopes = np.concatenate(
+            [np.zeros((*mean.shape, 0)), *(s for _, s in contributions)], axis=2
+        )
+        valid = self.observed.known[self.rows]
+        return mean, parts, np.where(valid, 1 / mean, 0.0)[:, :, None] * slopes
 
     def _finished(self, at: _State, signs: tuple[int, ...]) -> TrafficFit:
         """Return the fit, its evidence by Laplace's method."""
@@ -909,8 +923,8 @@ class RoadPowers:
     def usual(self) -> Array:
         """The values of a vehicle of which nothing is known, shape (4 + n,); its moment is 0."""
         peak = _USUAL_OVER_FLOOR * float(np.median(self.noise[self.known]))
-        known = [0.0, -np.log(_USUAL_MPS), np.log(peak), np.log(self.distances_m.mean())]
-        return np.concatenate([known, np.zeros(len(self.along_m))])
+        vehicle_values = [0.0, -np.log(_USUAL_MPS), np.log(peak), np.log(self.distances_m.mean())]
+        return np.concatenate([vehicle_values, np.zeros(len(self.along_m))])
 
     @cached_property
     def precision(self) -> Array:
@@ -1041,8 +1055,8 @@ def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[FittedV
         scatter = scatter_of(observed.powers, observed.noise, observed.known, mean)
         if sweep < _SWEEPS:
             groups = _groups(observed, everyone)
-    told = [one for _, fit in fits for one in _told(observed, fit)]
-    return tuple(sorted(told, key=lambda one: float(one.vehicle.values[MOMENT])))
+    vehicles = [one for _, fit in fits for one in _told(observed, fit)]
+    return tuple(sorted(vehicles, key=lambda one: float(one.vehicle.values[MOMENT])))
 
 
 def _told(observed: RoadPowers, fit: TrafficFit) -> Iterator[FittedVehicle]:
@@ -1051,8 +1065,8 @@ def _told(observed: RoadPowers, fit: TrafficFit) -> Iterator[FittedVehicle]:
         return
     covariance = np.asarray(np.linalg.inv(fit.information), np.float64)
     for number, vehicle in enumerate(fit.vehicles):
-        own = slice(number * size, (number + 1) * size)
-        yield FittedVehicle(vehicle, covariance[own, own], len(fit.vehicles))
+        block = slice(number * size, (number + 1) * size)
+        yield FittedVehicle(vehicle, covariance[block, block], len(fit.vehicles))
 
 
 def _groups(observed: RoadPowers, vehicles: Sequence[Vehicle]) -> list[tuple[Vehicle, ...]]:
@@ -1115,8 +1129,8 @@ def _changes(stretch: Stretch, fit: TrafficFit) -> Iterator[tuple[Vehicle, ...]]
     """Give what else there may be: others' directions, one less, one more."""
     vehicles = fit.vehicles
     several = range(len(vehicles))
-    for turned in [*combinations(several, 1), *combinations(several, 2)]:
-        yield tuple(_turned(v) if i in turned else v for i, v in enumerate(vehicles))
+    for flipped in [*combinations(several, 1), *combinations(several, 2)]:
+        yield tuple(_turned(v) if i in flipped else v for i, v in enumerate(vehicles))
     for i, k in combinations(several, 2):
         rest = tuple(v for j, v in enumerate(vehicles) if j not in (i, k))
         yield (*rest, *_exchanged(stretch.observed, vehicles[i], vehicles[k]))
@@ -1147,10 +1161,10 @@ def _exchanged(observed: RoadPowers, one: Vehicle, other: Vehicle) -> Iterator[V
 
 
 def _split(stretch: Stretch, vehicle: Vehicle, signs: tuple[int, ...]) -> Iterator[Vehicle]:
-    usual = stretch.observed.usual
+    typical = stretch.observed.usual
     for sign, late_s in zip(signs, (-_APART_S, _APART_S), strict=True):
         values = vehicle.values.copy()
-        values[[SLOWNESS, DISTANCE]] = usual[[SLOWNESS, DISTANCE]]
+        values[[SLOWNESS, DISTANCE]] = typical[[SLOWNESS, DISTANCE]]
         values[MOMENT] += late_s
         values[PEAK] -= _HALF
         yield Vehicle(values, sign)
@@ -1168,11 +1182,11 @@ def smoothed(values: Array, length: int) -> Array:
 def _missing(stretch: Stretch, fit: TrafficFit) -> Iterator[Vehicle]:
     """Give vehicles where the powers of a station exceed the fitted mean most."""
     observed, rows = stretch.observed, stretch.rows
-    times, known = observed.times_s[rows], observed.known[rows]
+    times, valid = observed.times_s[rows], observed.known[rows]
     inside = (times >= times[0] + _INSIDE_S) & (times <= times[-1] - _INSIDE_S)
     if not inside.any():
         return
-    excess = np.log(np.where(known, observed.powers[rows], fit.mean) / fit.mean)
+    excess = np.log(np.where(valid, observed.powers[rows], fit.mean) / fit.mean)
     for station, along in enumerate(observed.centred_m):
         high = np.where(inside, smoothed(excess[:, station], _SMOOTH), -np.inf)
         cycle = int(high.argmax())
