@@ -264,14 +264,14 @@ class ExponentialMean:
 
     def __init__(self, coefficient: float) -> None:
         self.coefficient = coefficient
-        self._held: NDArray[np.float64] | None = None
+        self._memory: NDArray[np.float64] | None = None
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Average a block, shape (n_channels, n_samples)."""
-        if self._held is None:
-            self._held = np.zeros(len(x))
+        if self._memory is None:
+            self._memory = np.zeros(len(x))
         means = np.empty(x.shape)
-        kernels.filters.recursive_means(_rows(x), self.coefficient, self._held, means)
+        kernels.filters.recursive_means(_rows(x), self.coefficient, self._memory, means)
         return means
 
 
@@ -310,18 +310,18 @@ class WeightedSums:
     def __init__(self, weights: NDArray[np.float64], *, at_rest: bool = False) -> None:
         self.weights = np.array(weights, np.float64)
         self._at_rest = at_rest
-        self._held: NDArray[np.float64] | None = None
+        self._memory: NDArray[np.float64] | None = None
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Add up a block, shape (n_channels, n_samples)."""
         if x.shape[1] == 0:
             return x
-        if self._held is None:
-            self._held = np.zeros((len(x), len(self.weights)))
+        if self._memory is None:
+            self._memory = np.zeros((len(x), len(self.weights)))
             if self._at_rest:
-                self._held[:, :-1] = x[:, :1] * np.cumsum(self.weights[:0:-1])[::-1]
+                self._memory[:, :-1] = x[:, :1] * np.cumsum(self.weights[:0:-1])[::-1]
         sums = np.empty(x.shape)
-        kernels.filters.weighted(_rows(x), self.weights, self._held, sums)
+        kernels.filters.weighted(_rows(x), self.weights, self._memory, sums)
         return sums
 
 

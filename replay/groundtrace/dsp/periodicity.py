@@ -130,7 +130,7 @@ class Rhythm:
         self.scales = tuple(scales)
         self.ahead = round(ahead_s * GRID_HZ) // HOP
         self._signal = ColumnBuffer()
-        self._found: list[ColumnBuffer] = [
+        self._by_scale: list[ColumnBuffer] = [
             ColumnBuffer(3) for _ in self.scales
         ]  # as a hop, by window
         self._next = 0
@@ -138,18 +138,18 @@ class Rhythm:
     def __call__(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take values of the grid, shape (1, n); return strength, step time and swing by hop."""
         self._signal.add(signal)
-        for scale, windows in zip(self.scales, self._found, strict=True):
+        for scale, windows in zip(self.scales, self._by_scale, strict=True):
             count = (self._signal.end - scale.points) // HOP + 1
             if count > windows.end:
                 windows.add(self._windows(windows.end, count, scale))
-        self._signal.discard_before(HOP * min(windows.end for windows in self._found))
-        end = min(map(self._known, self.scales, self._found))
+        self._signal.discard_before(HOP * min(windows.end for windows in self._by_scale))
+        end = min(map(self._complete_to, self.scales, self._by_scale))
         return self._until(end)
 
     def flush(self) -> NDArray[np.float64]:
         """Return the values up to the end of the signal."""
         shortest = round(_SHORTEST_S * GRID_HZ)
-        for scale, windows in zip(self.scales, self._found, strict=True):
+        for scale, windows in zip(self.scales, self._by_scale, strict=True):
             if not windows.end and self._signal.end >= shortest:
                 windows.add(self._windows(0, 1, scale))
         return self._until(-(-self._signal.end // HOP) + 1)
@@ -163,7 +163,7 @@ class Rhythm:
         rhythms[2] *= _SWING
         return rhythms
 
-    def _known(self, scale: Scale, windows: ColumnBuffer) -> int:
+    def _complete_to(self, scale: Scale, windows: ColumnBuffer) -> int:
         """Return the first hop that needs a window which is not there yet."""
         if not windows.end:
             return 0
@@ -174,10 +174,10 @@ class Rhythm:
         end = max(self._next, end)
         values = np.zeros((3, end - self._next))
         values[1] = USUAL_STEP_S
-        for scale, windows in zip(self.scales, self._found, strict=True):
+        for scale, windows in zip(self.scales, self._by_scale, strict=True):
             self._add(values, windows, scale)
         self._next = end
-        for scale, windows in zip(self.scales, self._found, strict=True):
+        for scale, windows in zip(self.scales, self._by_scale, strict=True):
             windows.discard_before(min(self._next - 1 - scale.points // HOP, windows.end - 1))
         return values
 

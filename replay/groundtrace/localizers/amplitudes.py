@@ -397,11 +397,11 @@ class TimesAmplitudes(ArrayMethod):
     def examine(self, measured: StepPeaks) -> Candidates:
         """Return the place of a step."""
         estimate = self._places.locate(measured.times_s, measured.heights, measured.clipped)
-        self._found = measured.step_ns, estimate
-        return place_candidate(*self._found)
+        self._latest_estimate = measured.step_ns, estimate
+        return place_candidate(*self._latest_estimate)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts."""
         if block.accepted[0]:
-            time_ns, estimate = self._found
+            time_ns, estimate = self._latest_estimate
             yield estimate.fix(time_ns, "times-amplitudes", self._stage)

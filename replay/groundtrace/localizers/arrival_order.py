@@ -132,7 +132,7 @@ def measured_signs(regions: Regions, times_s: Array) -> tuple[Array, NDArray[np.
     """
     with np.errstate(invalid="ignore"):
         signs = np.sign(times_s[..., regions.first] - times_s[..., regions.second])
-    compared = np.isfinite(signs) & regions.told
+    compared = np.isfinite(signs) & regions.determined
     return np.where(compared, signs, 0.0), compared
 
 
@@ -188,7 +188,7 @@ class Regions:
         Shape (m, 2), intp: regions with a common edge.
     shapes
         Shape (q,): polygons [m], of several parts where walls cut a region.
-    told
+    determined
         Shape (n_pairs,), bool: pairs whose sign tells regions apart.
     across
         The signs as each step is compared with them, shape (n_pairs, q), float32: their sums are
@@ -205,12 +205,12 @@ class Regions:
     areas: Array
     neighbours: NDArray[np.intp]
     shapes: NDArray[np.object_]
-    told: NDArray[np.bool_] = field(init=False)
+    determined: NDArray[np.bool_] = field(init=False)
     across: NDArray[np.float32] = field(init=False)
     axes: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "told", (self.signs != 0).any(axis=0))
+        object.__setattr__(self, "determined", (self.signs != 0).any(axis=0))
         object.__setattr__(self, "across", self.signs.T.astype(np.float32))
         object.__setattr__(self, "axes", np.ascontiguousarray(self.centres.T))
 

@@ -91,12 +91,12 @@ class RunningSigma:
 
     prior_s: float
     unknowns: int
-    told: deque[float] = field(default_factory=lambda: deque(maxlen=MEMORY))
+    sigmas_s: deque[float] = field(default_factory=lambda: deque(maxlen=MEMORY))
 
     @property
     def value_s(self) -> float:
         """The estimate by now [s]."""
-        return median([*self.told, *[self.prior_s] * PRIOR_COUNT])
+        return median([*self.sigmas_s, *[self.prior_s] * PRIOR_COUNT])
 
     def learn(self, estimate: LocationEstimate) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
@@ -104,7 +104,7 @@ class RunningSigma:
         if not estimate.found or spare < 1:
             return
         typical = (chi_square_quantile(spare, 0.0) / spare) ** 0.5
-        self.told.append(estimate.residual * (estimate.picks / spare) ** 0.5 / typical)
+        self.sigmas_s.append(estimate.residual * (estimate.picks / spare) ** 0.5 / typical)
 
 
 #: A model may be wrong by this part of how far arrivals are apart. Chosen by judgement: as much as
@@ -284,7 +284,7 @@ class ArrivalLocalizer(Stage):
         self._context: Context | None = None
         self._channels: dict[str, int] = {}
         self._picks: deque[Pick] = deque()
-        self._told = False
+        self._reported = False
         self._before: tuple[int, Array] | None = None
         self._check: ModelCheck | None = None
         self._doubted = False
@@ -352,15 +352,15 @@ class ArrivalLocalizer(Stage):
         arrivals = first_arrivals(
             self._picks, self._channels, item.time_ns, window_s, self._offsets_s
         )
-        self._found = item.time_ns, self.place(item.time_ns, arrivals)
+        self._latest_estimate = item.time_ns, self.place(item.time_ns, arrivals)
         yield from self._checked(item.time_ns, arrivals)
-        yield place_candidate(*self._found)
+        yield place_candidate(*self._latest_estimate)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts."""
         assert self._context is not None  # it was started
         if block.accepted[0]:
-            time_ns, location = self._found
+            time_ns, location = self._latest_estimate
             context, doubted = self._context, self._doubted
             yield location.fix(time_ns, context.plugin, context.stage, doubted=doubted)
 
@@ -407,7 +407,7 @@ class ArrivalLocalizer(Stage):
         check, context = self._check, self._context
         if check is None or context is None:
             return
-        check.learn(self._found[1], arrivals)
+        check.learn(self._latest_estimate[1], arrivals)
         ratio, limit = check.residuals.ratio, check.residuals.limit
         if (ratio > limit) == self._doubted:
             return
@@ -423,7 +423,7 @@ class ArrivalLocalizer(Stage):
 
     def _never_passed(self, time_ns: int) -> Iterator[Note]:
         """Say with the first step that more arrivals are asked for than there are sensors."""
-        context, reported, self._told = self._context, self._told, True
+        context, reported, self._reported = self._context, self._reported, True
         if context is None or reported:
             return
         most, why = len(self._channels), "the picked channels that have a place"

@@ -420,13 +420,13 @@ class Crossing(Stage):
         places = np.array([self._stations[b.station] for b in bearings], np.float64).reshape(-1, 2)
         azimuths = np.array([b.azimuth_rad for b in bearings], np.float64)
         sigmas = np.array([b.sigma_rad for b in bearings], np.float64)
-        self._found = item.time_ns, self.locate(places, azimuths, sigmas)
-        yield place_candidate(*self._found)
+        self._latest_estimate = item.time_ns, self.locate(places, azimuths, sigmas)
+        yield place_candidate(*self._latest_estimate)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts."""
         if block.accepted[0]:
-            time_ns, location = self._found
+            time_ns, location = self._latest_estimate
             yield location.fix(time_ns, self._context.plugin, self._context.stage)
 
     def locate(self, stations: Array, azimuths_rad: Array, sigmas_rad: Array) -> LocationEstimate:

@@ -59,7 +59,7 @@ class LocalizerDisagreement(Stage):
     def __init__(self, parameters: DisagreementParameters) -> None:
         self.parameters = parameters
         self._waiting: dict[str, Fix] = {}
-        self._told = False
+        self._reported = False
 
     @property
     def memory(self) -> Memory:
@@ -76,8 +76,8 @@ class LocalizerDisagreement(Stage):
         if self._waiting and next(iter(self._waiting.values())).time_ns != fix.time_ns:
             yield from self.flush()
         self._waiting[fix.stage] = fix
-        note = "" if self._told else length_note(self._context.geometry)
-        self._told = True
+        note = "" if self._reported else length_note(self._context.geometry)
+        self._reported = True
         if note:
             yield Note(fix.time_ns, note, "INFO", self._context.stage)
 

@@ -239,7 +239,7 @@ class GccPhat(ArrayMethod):
         p = self.parameters
         laws = (p.dispersion, EVEN) if p.or_even and p.dispersion != EVEN else (p.dispersion,)
         self._closed = {power: deque[float](maxlen=COMPARED) for power in laws}
-        self._examined, self._open, self._said = 0, 0, False
+        self._examined, self._open, self._reported = 0, 0, False
         return names if self._compared.sum() >= 3 else ()
 
     def measure(self, window: Window, *, beforehand: bool = False) -> ArrivalsByLaw:
@@ -347,9 +347,9 @@ class GccPhat(ArrayMethod):
 
     def remarks(self, time_ns: int) -> Iterator[Note]:
         """Say once that delays of pairs do not close."""
-        if self._said or self._examined < JUDGED or 2 * self._open <= self._examined:
+        if self._reported or self._examined < JUDGED or 2 * self._open <= self._examined:
             return
-        self._said = True
+        self._reported = True
         off_ms = 1e3 * median(self._closed[self._best_law()])
         yield Note(
             time_ns,

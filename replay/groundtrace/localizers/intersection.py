@@ -86,13 +86,13 @@ class CovarianceIntersection(Stage):
             return ()
         fixes = [f for f in self._fixes if f.time_ns == item.time_ns and not f.doubted]
         self._fixes.clear()
-        self._found = item.time_ns, intersected(fixes, self.parameters.own)
-        return (place_candidate(*self._found),)
+        self._latest_estimate = item.time_ns, intersected(fixes, self.parameters.own)
+        return (place_candidate(*self._latest_estimate),)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts."""
         if block.accepted[0]:
-            time_ns, estimate = self._found
+            time_ns, estimate = self._latest_estimate
             yield estimate.fix(time_ns, self._context.plugin, self._context.stage)
 
 

@@ -83,7 +83,7 @@ class RunningFloor:
     first: ArrivalModel | None
     least: int
     memory: int
-    found: JointCalibration | None = None
+    calibration: JointCalibration | None = None
     rows: deque[Array] = field(default_factory=deque)
     places: deque[Array] = field(default_factory=deque)
     fresh: int = 0
@@ -91,12 +91,16 @@ class RunningFloor:
     @property
     def floor(self) -> ArrivalModel | None:
         """The best estimate by now; None before there is one."""
-        return self.first if self.found is None else self.found.floor
+        return self.first if self.calibration is None else self.calibration.floor
 
     @property
     def pace_deviation(self) -> float:
         """Standard deviation of the logarithm of its pace."""
-        deviation = self.prior.pace_deviation if self.found is None else self.found.deviations[0]
+        deviation = (
+            self.prior.pace_deviation
+            if self.calibration is None
+            else self.calibration.deviations[0]
+        )
         return float(min(deviation, 1.0))
 
     def learn(self, times_s: Array, position: Array) -> None:
@@ -120,10 +124,10 @@ class RunningFloor:
             begun = start(impacts, self.outline, exponent=self.prior.exponent)
             floor, places = begun.floor, begun.places
         free = FreeParameters(exponent=self.prior.exponent_deviation > 0)
-        self.found = fit(
+        self.calibration = fit(
             impacts, floor, places, loss="cauchy", free=free, prior=self.prior, rounds=ROUNDS_EACH
         )
-        self.places = deque(self.found.places)
+        self.places = deque(self.calibration.places)
 
 
 def running_arrival_model(
@@ -190,7 +194,7 @@ def _on_floor(
     arrived = np.isfinite(times_s)
     here, picks = running.positions[arrived], int(arrived.sum())
     times = times_s[None, arrived] - times_s[arrived].min()
-    sigma = sigma_s if running.found is None else running.found.sigma_s
+    sigma = sigma_s if running.calibration is None else running.calibration.sigma_s
     area = for_sensors(lattice(running.positions, running.outline, floor.exponent), arrived)
     model = Model(floor.exponent, floor.scale, huber * sigma)
     best = search(area, here, times, model)
