@@ -133,18 +133,18 @@ def encode_annotation(annotation: Annotation) -> bytes:
     return encoded
 
 
-def decode_annotation(data: bytes | memoryview, place: str = "Label") -> Annotation:
+def decode_annotation(data: bytes | memoryview, where: str = "Label") -> Annotation:
     """Decode one annotation.
 
     Raises
     ------
     SchemaError
-        Where the bytes are not a label, or it has no id; names ``place``.
+        Where the bytes are not a label, or it has no id; names ``where``.
     """
-    label = decode_label(data, place)
-    message = parse(message_class("Label"), data, place)
+    label = decode_label(data, where)
+    message = parse(message_class("Label"), data, where)
     if not message.id:
-        raise SchemaError(f"{place}: expected an annotation with an id, found none")
+        raise SchemaError(f"{where}: expected an annotation with an id, found none")
     return Annotation(message.id, label, message.created_ns, message.edited_ns)
 
 
@@ -159,8 +159,8 @@ def annotations_of(file: McapFile) -> tuple[Annotation, ...]:
     wanted = label_channels(file, ANNOTATIONS_TOPIC)
     if not wanted:
         return ()
-    place = f"{file.name}: {ANNOTATIONS_TOPIC}"
-    return in_order(decode_annotation(m.data, place) for m in file.messages(wanted))
+    where = f"{file.name}: {ANNOTATIONS_TOPIC}"
+    return in_order(decode_annotation(m.data, where) for m in file.messages(wanted))
 
 
 def is_sidecar(file: McapFile) -> bool:
@@ -193,8 +193,8 @@ def read_sidecar(path: Path) -> Sidecar:
         }
         annotations = annotations_of(file)
         if file.damage:
-            found = file.damage[0].reason
-            raise SchemaError(f"{path.name}: expected an undamaged sidecar, found {found}")
+            damage = file.damage[0].reason
+            raise SchemaError(f"{path.name}: expected an undamaged sidecar, found {damage}")
     finally:
         file.close()
     if not values:

@@ -289,8 +289,8 @@ class _Scissors:
         low = start + min((g.low_ns for _, g in self._readers.values()), default=0) - SLACK_NS
         high = stop + max((g.high_ns for _, g in self._readers.values()), default=0) + SLACK_NS
         rest = self._file.as_recorded(self._file.channels.keys() - apart, low, high)
-        known = (self._label, self._labels), (self._placed, self._still)
-        queues = [filter(None, map(of, self._file.messages(ids))) for of, ids in known if ids]
+        handlers = (self._label, self._labels), (self._placed, self._still)
+        queues = [filter(None, map(of, self._file.messages(ids))) for of, ids in handlers if ids]
         yield from heapq.merge(
             *(sorted(queue, key=_log_time) for queue in queues),
             filter(None, map(self._part, rest)),
@@ -317,9 +317,9 @@ class _Scissors:
         except CodecError:  # reading the copy says it, as reading the whole does
             return message if self._span.holds(message.log_time) else None
         parts = [block.between(self._span.start_ns, self._span.stop_ns) for block in blocks]
-        kept, there = sum(map(len, parts)), sum(map(len, blocks))
-        if kept in (0, there):
-            return message if kept else None
+        inside, there = sum(map(len, parts)), sum(map(len, blocks))
+        if inside in (0, there):
+            return message if inside else None
         if isinstance(reader, WaveformReader):
             return cut_waveform(message, blocks[0], parts[0])
         return message
@@ -328,16 +328,16 @@ class _Scissors:
         # all labels are kept until they are in order, and a view would keep the whole chunk
         message = message._replace(data=bytes(message.data))
         label = decode_label(message.data, self._file.name)
-        kept = label.within(self._span.start_ns, self._span.stop_ns)
-        if kept is None:
+        clipped = label.within(self._span.start_ns, self._span.stop_ns)
+        if clipped is None:
             return None
-        if kept == label or kept.end_ns is None:
+        if clipped == label or clipped.end_ns is None:
             return message
         content = parse(message_class("Label"), message.data, self._file.name)
-        set_time(content.timestamp, kept.time_ns)
-        set_time(content.end, kept.end_ns)
+        set_time(content.timestamp, clipped.time_ns)
+        set_time(content.end, clipped.end_ns)
         data = content.SerializeToString()
-        return message._replace(log_time=kept.time_ns, publish_time=kept.time_ns, data=data)
+        return message._replace(log_time=clipped.time_ns, publish_time=clipped.time_ns, data=data)
 
     def _placed(self, message: Message) -> Message | None:
         """Return where sensors stand; said before the span, it holds from its start."""
@@ -518,10 +518,10 @@ def opened(source: Path) -> McapFile:
 
 
 def _by_topic(file: McapFile, counts: dict[int, int]) -> dict[str, int]:
-    found: Counter[str] = Counter()
+    totals: Counter[str] = Counter()
     for channel_id in sorted(counts):
-        found[file.channels[channel_id].topic] += counts[channel_id]
-    return dict(found)
+        totals[file.channels[channel_id].topic] += counts[channel_id]
+    return dict(totals)
 
 
 def _chosen(file: McapFile, keep: Sequence[str], drop: Sequence[str]) -> set[int]:
@@ -534,8 +534,8 @@ def _chosen(file: McapFile, keep: Sequence[str], drop: Sequence[str]) -> set[int
             )
 
     def wanted(topic: str) -> bool:
-        kept = not keep or any(fnmatchcase(topic, p) for p in keep)
-        return kept and not any(fnmatchcase(topic, p) for p in drop)
+        matched = not keep or any(fnmatchcase(topic, p) for p in keep)
+        return matched and not any(fnmatchcase(topic, p) for p in drop)
 
     chosen = {i for i, channel in file.channels.items() if wanted(channel.topic)}
     if not chosen:
@@ -571,8 +571,8 @@ class _Reblocker:
         lag_ns = message.log_time - int(block.sample_times().max())
         # A run that the block does not continue was logged like the block before it.
         for run in runs:
-            own = run.first + len(run) > block.first and run.anchor_ns == block.anchor_ns
-            yield from self._messages(run, lag_ns if own else self._lag_ns)
+            continued = run.first + len(run) > block.first and run.anchor_ns == block.anchor_ns
+            yield from self._messages(run, lag_ns if continued else self._lag_ns)
         self._before, self._lag_ns = block, lag_ns
 
     def flush(self) -> Iterator[Message]:

@@ -122,21 +122,21 @@ def robust_line(x: NDArray[np.float64], y: NDArray[np.float64]) -> Line:
     slope = float(np.median(rises[moved] / runs[moved])) if moved.any() else 0.0
     about = float(np.mean(x))
     at = float(np.median(y - slope * (x - about)))
-    kept = np.ones(len(x), np.bool_)
+    inliers = np.ones(len(x), np.bool_)
     sigma = 0.0
     for _ in range(_ROUNDS):
         residual = y - (at + slope * (x - about))
         sigma = _MAD_SIGMA * float(np.median(np.abs(residual - np.median(residual))))
         now = np.abs(residual - np.median(residual)) <= _OUTLYING * max(sigma, 1e-12)
-        if now.sum() < 2 or np.ptp(x[now]) == 0 or (_ and np.array_equal(now, kept)):
+        if now.sum() < 2 or np.ptp(x[now]) == 0 or (_ and np.array_equal(now, inliers)):
             break
-        kept = now
-        spread = x[kept] - x[kept].mean()
-        slope = float(spread @ y[kept] / (spread @ spread))
-        about, at = float(x[kept].mean()), float(y[kept].mean())
-    spread = x[kept] - x[kept].mean()
+        inliers = now
+        spread = x[inliers] - x[inliers].mean()
+        slope = float(spread @ y[inliers] / (spread @ spread))
+        about, at = float(x[inliers].mean()), float(y[inliers].mean())
+    spread = x[inliers] - x[inliers].mean()
     length = float(np.sqrt(spread @ spread))
-    return Line(about, at, slope, sigma, sigma / length if length else np.inf, kept)
+    return Line(about, at, slope, sigma, sigma / length if length else np.inf, inliers)
 
 
 #: Name of the metadata record that says what was merged, and with which clocks.
@@ -200,8 +200,8 @@ class MergedClock:
             sure = "" if self.drift_sigma_ppm is None else f" +- {self.drift_sigma_ppm:.1f}"
             kind = "fast" if self.drift_ppm > 0 else "slow"
             text += f", {abs(self.drift_ppm):.2f}{sure} ppm {kind}"
-        found = f"{self.how}, {self.matched} of {self.events}" if self.events else self.how
-        return f"{text} ({found})"
+        basis = f"{self.how}, {self.matched} of {self.events}" if self.events else self.how
+        return f"{text} ({basis})"
 
 
 def clocks_record(clocks: Sequence[MergedClock]) -> dict[str, str]:

@@ -57,12 +57,12 @@ class NoRoomError(CodecError):
         The output.
     reason
         What the system says.
-    kept
+    remedy
         What stays of it, and what can be done with that.
     """
 
-    def __init__(self, path: Path, reason: str | None, kept: str = "") -> None:
-        super().__init__(f"{path}: {not_written(reason)}{kept}")
+    def __init__(self, path: Path, reason: str | None, remedy: str = "") -> None:
+        super().__init__(f"{path}: {not_written(reason)}{remedy}")
         self.reason = reason
 
 
@@ -95,23 +95,23 @@ class MissingReaderError(CodecError):
         )
 
 
-def did_you_mean(found: object, known: Iterable[str]) -> str:
-    """Return ``: did you mean X?`` with the known spelling nearest to a wrong one, or nothing.
+def did_you_mean(value: object, accepted: Iterable[str]) -> str:
+    """Return ``; did you mean X?`` with the known spelling nearest to a wrong one, or nothing.
 
     Parameters
     ----------
-    found
-        What stands there instead of one of ``known``.
-    known
+    value
+        What stands there instead of one of ``accepted``.
+    accepted
         The spellings that are accepted.
 
     Examples
     --------
     >>> did_you_mean("accelration", ["pressure", "acceleration"])
-    ': did you mean acceleration?'
+    '; did you mean acceleration?'
     """
     from difflib import get_close_matches
 
-    spellings = {name.casefold(): name for name in known}
-    near = get_close_matches(str(found).strip().casefold(), spellings, n=1)
-    return f": did you mean {spellings[near[0]]}?" if near else ""
+    spellings = {name.casefold(): name for name in accepted}
+    near = get_close_matches(str(value).strip().casefold(), spellings, n=1)
+    return f"; did you mean {spellings[near[0]]}?" if near else ""

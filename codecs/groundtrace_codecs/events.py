@@ -440,8 +440,8 @@ class LikelihoodSurface:
 
     def values(self) -> NDArray[np.float64]:
         """Return the log-likelihood at the nodes, shape (rows, columns)."""
-        found = np.frombuffer(self.levels, np.uint8).reshape(self.rows, self.columns)
-        values = self.lowest + (self.highest - self.lowest) / LEVELS * found
+        levels = np.frombuffer(self.levels, np.uint8).reshape(self.rows, self.columns)
+        values = self.lowest + (self.highest - self.lowest) / LEVELS * levels
         return np.asarray(values, np.float64)
 
 
@@ -780,8 +780,8 @@ def readable(value: float, digits: int = 4, sign: str = "") -> str:
         ``+`` for a sign before numbers over zero, too.
     """
     text = f"{value:{sign}.{digits}g}"
-    mantissa, found, exponent = text.partition("e")
-    if not found:
+    mantissa, separator, exponent = text.partition("e")
+    if not separator:
         return text
     power = int(exponent)
     if not -9 <= power < 9:
@@ -821,8 +821,9 @@ def _disturbance_text(span: Disturbance) -> str:
     return f"disturbed for {_seconds(span.time_ns, span.end_ns)} value={readable(span.value)}"
 
 
-def _disagreement_text(found: Disagreement) -> str:
-    return f"{found.methods} are {found.distance_m:.3g} m apart, {readable(found.value, 3)} sigma"
+def _disagreement_text(disagreement: Disagreement) -> str:
+    apart = f"{disagreement.distance_m:.3g} m apart, {readable(disagreement.value, 3)} sigma"
+    return f"{disagreement.methods} are {apart}"
 
 
 def _presence_text(span: Presence) -> str:
@@ -872,8 +873,8 @@ def _picks(block: CandidateBlock) -> list[Event]:
     spec, times = block.spec, block.time_ns[rows].tolist()
     names, columns = [c.name for c in spec.columns], block.value[rows].T.tolist()
     channels = [spec.channels[channel] for channel in block.channel[rows].tolist()]
-    known = "uncertainty" in names
-    sigma = columns[names.index("uncertainty")] if known else repeat(math.nan)
+    has_sigma = "uncertainty" in names
+    sigma = columns[names.index("uncertainty")] if has_sigma else repeat(math.nan)
     origin = repeat(spec.topic), repeat(spec.stage)
     return list(map(Pick, times, channels, *origin, sigma, columns[0]))
 
@@ -882,23 +883,25 @@ def _bearings(block: CandidateBlock) -> list[Event]:
     """Return a direction for each accepted candidate; its channel is the station."""
     spec, names = block.spec, [c.name for c in block.spec.columns]
     azimuth, sigma, ambiguous = map(names.index, ("azimuth", "sigma", "ambiguous"))
-    found: list[Event] = []
+    bearings: list[Event] = []
     for row in block.accepted.nonzero()[0].tolist():
         value, station = block.value[row].tolist(), spec.channels[int(block.channel[row])]
         angle = (value[azimuth], value[sigma], value[0], bool(value[ambiguous]))
-        found.append(Bearing(int(block.time_ns[row]), station, *angle, spec.stage))
-    return found
+        bearings.append(Bearing(int(block.time_ns[row]), station, *angle, spec.stage))
+    return bearings
 
 
 def _disagreements(block: CandidateBlock) -> list[Event]:
     """Return two stages that disagree for each accepted candidate; its channel is the pair."""
     spec = block.spec
-    found: list[Event] = []
+    disagreements: list[Event] = []
     for row in block.accepted.nonzero()[0].tolist():
         distance_m, value = block.value[row, :2].tolist()
         pair = spec.channels[int(block.channel[row])]
-        found.append(Disagreement(int(block.time_ns[row]), distance_m, value, pair, spec.stage))
-    return found
+        disagreements.append(
+            Disagreement(int(block.time_ns[row]), distance_m, value, pair, spec.stage)
+        )
+    return disagreements
 
 
 def _row(

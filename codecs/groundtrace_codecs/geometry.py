@@ -138,12 +138,12 @@ class Geometry:
         Channels of several axes at one place are one sensor: that of z, which the waves of a step
         move most, or of the first axis where there is no z.
         """
-        known = {s.channel: s for s in self.sensors}
-        sensors = [known[name] for name in dict.fromkeys(channels) if name in known]
+        by_channel = {s.channel: s for s in self.sensors}
+        sensors = [by_channel[name] for name in dict.fromkeys(channels) if name in by_channel]
         axis: dict[tuple[float, float, float], str] = {}
         for s in sensors:
-            place = s.x, s.y, s.z
-            axis[place] = "z" if s.axis == "z" else axis.get(place, s.axis)
+            position = s.x, s.y, s.z
+            axis[position] = "z" if s.axis == "z" else axis.get(position, s.axis)
         placed = [s for s in sensors if axis[s.x, s.y, s.z] == s.axis]
         positions = np.array([(s.x, s.y) for s in placed], np.float64).reshape(-1, 2)
         return {s.channel: index for index, s in enumerate(placed)}, positions
@@ -175,18 +175,18 @@ class Geometry:
         return msgspec.json.encode(self)
 
     @classmethod
-    def from_json(cls, data: bytes, place: str = SITE_NAME) -> Geometry:
+    def from_json(cls, data: bytes, where: str = SITE_NAME) -> Geometry:
         """Read a recording's ``site.json``.
 
         Raises
         ------
         SchemaError
-            Where the JSON is not a geometry; names ``place``.
+            Where the JSON is not a geometry; names ``where``.
         """
         try:
             return msgspec.json.decode(data, type=cls)
         except msgspec.DecodeError as error:
-            raise SchemaError(f"{place}: expected a geometry, found: {error}") from error
+            raise SchemaError(f"{where}: expected a geometry, found: {error}") from error
 
     @classmethod
     def from_toml(cls, path: Path) -> Geometry:
@@ -242,8 +242,8 @@ class Stations:
             along = _axis(self.places)
             way = (self.places - self.places[0]) @ along
             return way * (1 if way[-1] >= 0 else -1), np.zeros(len(way))
-        found = [_projected(place, self.road) for place in self.places]
-        return np.array([a for a, _ in found]), np.array([d for _, d in found])
+        projections = [_projected(position, self.road) for position in self.places]
+        return np.array([a for a, _ in projections]), np.array([d for _, d in projections])
 
     def in_line(self) -> bool:
         """Return whether the stations are in a line along the road, as they are beside one."""
@@ -264,13 +264,13 @@ def _axis(places: Array) -> Array:
     return np.asarray(np.linalg.svd(centred)[2][0])
 
 
-def _projected(place: Array, road: Array) -> tuple[float, float]:
+def _projected(position: Array, road: Array) -> tuple[float, float]:
     """Return the way along the corners of a road to its point nearest to a place; the distance."""
     best, gone = (0.0, float("inf")), 0.0
     for a, b in pairwise(road):
         length = float(np.hypot(*(b - a)))
-        part = float(np.clip((place - a) @ (b - a) / length**2, 0, 1)) if length else 0.0
-        away = float(np.hypot(*(place - a - part * (b - a))))
+        part = float(np.clip((position - a) @ (b - a) / length**2, 0, 1)) if length else 0.0
+        away = float(np.hypot(*(position - a - part * (b - a))))
         if away < best[1]:
             best = gone + part * length, away
         gone += length
@@ -292,23 +292,23 @@ def geometry_warnings(geometry: Geometry | None, streams: Sequence[Stream]) -> l
     """Return what a geometry and the seismic channels of a recording do not have in common."""
     if geometry is None or not geometry.sensors:
         return []
-    heard = [s.channels[c].name for s in streams for c in s.columns_of(SEISMIC_QUANTITIES)]
+    channels = [s.channels[c].name for s in streams for c in s.columns_of(SEISMIC_QUANTITIES)]
     placed = {sensor.channel for sensor in geometry.sensors}
-    silent = [s for s in geometry.sensors if s.channel not in heard]
-    loose = [name for name in dict.fromkeys(heard) if name not in placed]
-    found = []
+    silent = [s for s in geometry.sensors if s.channel not in channels]
+    loose = [name for name in dict.fromkeys(channels) if name not in placed]
+    warnings = []
     if silent:
         names = [s.channel if s.name == s.channel else f"{s.name} ({s.channel})" for s in silent]
-        found.append(
+        warnings.append(
             f"{len(silent)} of {len(geometry.sensors)} sensors of the geometry have no channel in "
             f"the recording: {_listed(names)}"
         )
     if loose:
-        found.append(
-            f"{len(loose)} of {len(set(heard))} seismic channels of the recording have no place in "
-            f"the geometry: {_listed(loose)}"
+        warnings.append(
+            f"{len(loose)} of {len(set(channels))} seismic channels of the recording have no place "
+            f"in the geometry: {_listed(loose)}"
         )
-    return found
+    return warnings
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -374,8 +374,8 @@ def _scaled(value: Any, metres: float) -> Any:
 def geometry_text(fields: Mapping[str, Any]) -> str:
     """Return a geometry, as its fields, as TOML; fields without a value are left out."""
     lines = [f"unit = {toml_value(fields['unit'])}"]
-    kept = [key for key in ("outline", "start", "road", "paths") if fields[key]]
-    lines += [f"{key} = {toml_value(fields[key])}" for key in kept]
+    keys = [key for key in ("outline", "start", "road", "paths") if fields[key]]
+    lines += [f"{key} = {toml_value(fields[key])}" for key in keys]
     if fields["sources"]:
         lines.append(f"source = {toml_value(fields['sources'])}")
     for sensor in fields["sensors"]:

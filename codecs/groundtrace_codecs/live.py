@@ -127,10 +127,10 @@ class LiveRecording:
             Not used: blocks come as they were recorded.
         """
         late_ns = max((lag.high_ns for _, lag in self.head.readers.values()), default=0)
-        known = set(self.head.file.channels)
+        seen_ids = set(self.head.file.channels)
         for table in self._file.tables():
-            if len(self._file.channels) > len(known):
-                self._say_late(known)
+            if len(self._file.channels) > len(seen_ids):
+                self._say_late(seen_ids)
             self.labels += labels_in(table, self._file, TRUTH_TOPIC)
             for logged_ns, block in self.head.decoded(table):
                 times = block.sample_times()
@@ -143,16 +143,16 @@ class LiveRecording:
             if stop_ns is not None and first_ns > stop_ns + late_ns + SLACK_NS:
                 return
 
-    def _say_late(self, known: set[int]) -> None:
+    def _say_late(self, seen_ids: set[int]) -> None:
         """Tell of topics that began after the streams were known."""
         for channel_id, channel in self._file.channels.items():
             signal = STREAM_KEY in channel.metadata or not is_ours(self._file, channel)
-            if channel_id not in known and signal:
+            if channel_id not in seen_ids and signal:
                 self._tell(
                     f"{self._source.name}: {channel.topic} begins after the replay and is left "
                     "out; a replay of the finished file has it"
                 )
-            known.add(channel_id)
+            seen_ids.add(channel_id)
 
 
 def _head(source: Growing, stop: threading.Event) -> Recording:

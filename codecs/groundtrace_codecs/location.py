@@ -29,7 +29,7 @@ class Location(str):
 
     Parameters
     ----------
-    place
+    location
         A path or a URL. What opens the URL is kept; see :meth:`opened_by`.
 
     Raises
@@ -41,11 +41,11 @@ class Location(str):
 
     __slots__ = ()
 
-    def __new__(cls, place: str | Path) -> Self:
+    def __new__(cls, location: str | Path) -> Self:
         """Keep what is secret apart."""
-        if not is_url(place):
-            return super().__new__(cls, place)
-        url = as_url(place)
+        if not is_url(location):
+            return super().__new__(cls, location)
+        url = as_url(location)
         public = _public(url)
         if public != url and _OPENED_BY.setdefault(public, url) != url:
             raise CodecError(
@@ -62,16 +62,16 @@ class Location(str):
         return _OPENED_BY.get(self, str(self))
 
 
-def is_url(place: str | Path) -> bool:
-    """Tell whether a place is a URL, also after a path made one slash of its two."""
-    return _URL.match(str(place)) is not None
+def is_url(location: str | Path) -> bool:
+    """Tell whether a location is a URL, also after a path made one slash of its two."""
+    return _URL.match(str(location)) is not None
 
 
-def as_url(place: str | Path) -> str:
-    """Return the URL that a place is, with both its slashes."""
-    scheme, _, rest = str(place).partition(":")
+def as_url(location: str | Path) -> str:
+    """Return the URL that a location is, with both its slashes."""
+    scheme, _, rest = str(location).partition(":")
     if rest.startswith("//"):
-        return str(place)
+        return str(location)
     return f"{scheme}://{rest if scheme == 'file' else rest[1:]}"
 
 
@@ -80,7 +80,7 @@ def without_secrets(text: str) -> str:
 
     What other packages say of an error may have the URL in it, or a part of one that was kept.
     """
-    text = _URLS.sub(lambda found: _public(found[0]), text)
+    text = _URLS.sub(lambda match: _public(match[0]), text)
     secrets: set[str] = set()
     for url in _OPENED_BY.values():
         parts = urlsplit(url)
@@ -100,7 +100,7 @@ def public_argument(argument: str) -> str:
         return str(Location(argument))
     if len(argument.split()) > 1:
         return argument
-    return _TO_THE_END.sub(lambda found: str(Location(found[0])), argument)
+    return _TO_THE_END.sub(lambda match: str(Location(match[0])), argument)
 
 
 def _public(url: str) -> str:

@@ -112,8 +112,8 @@ def check_topics(parts: Sequence[Part]) -> None:
     """
     owner: dict[str, str] = {}
     for part in parts:
-        found = (part.renamed(c).topic for c in part.recording.file.channels.values())
-        for topic in sorted({t for t in found if t not in SHARED_TOPICS}):
+        topics = (part.renamed(c).topic for c in part.recording.file.channels.values())
+        for topic in sorted({t for t in topics if t not in SHARED_TOPICS}):
             if topic in owner:
                 raise CodecError(
                     f"{part.name}: {topic}: expected a topic that no other file has, found it in "
@@ -333,14 +333,14 @@ def retimed(file: McapFile, channel: ChannelRecord, clock: DeviceClock) -> Retim
     """
     if clock.same:
         return RetimedChannel(channel, clock, None)
-    place = f"{file.name}: {channel.topic}"
+    where = f"{file.name}: {channel.topic}"
     stream: Stream | None = None
     if STREAM_KEY in channel.metadata:
-        stream = stream_from_json(channel.metadata[STREAM_KEY], channel.topic, place)
+        stream = stream_from_json(channel.metadata[STREAM_KEY], channel.topic, where)
         faster = replace(stream, rate_hz=stream.rate_hz * clock.speed)
         metadata = channel.metadata | {STREAM_KEY: stream_json(faster)}
         channel = replace(channel, metadata=metadata)
-    mover = _mover(file.schemas.get(channel.schema_id), channel, stream, clock, place)
+    mover = _mover(file.schemas.get(channel.schema_id), channel, stream, clock, where)
     return RetimedChannel(channel, clock, mover)
 
 
@@ -349,26 +349,26 @@ def _mover(
     channel: ChannelRecord,
     stream: Stream | None,
     clock: DeviceClock,
-    place: str,
+    where: str,
 ) -> TimestampRewriter | None:
     if schema is None:
         return None
     kind = (channel.message_encoding, schema.encoding)
     if kind == ("protobuf", "protobuf"):
         if schema.name == "groundtrace.WaveformBlock":
-            return _Waveforms(clock, place)
-        return _Protobuf.of(schema, clock, place)
+            return _Waveforms(clock, where)
+        return _Protobuf.of(schema, clock, where)
     if kind == ("cdr", "ros2msg"):
-        return _Ros.of(schema, stream, clock, place)
+        return _Ros.of(schema, stream, clock, where)
     return None
 
 
 class _Waveforms:
     """WaveformBlocks: start, own times, and the rate."""
 
-    def __init__(self, clock: DeviceClock, place: str) -> None:
+    def __init__(self, clock: DeviceClock, where: str) -> None:
         self._clock = clock
-        self._place = place
+        self._place = where
 
     def moved(self, message: Message) -> bytes:
         wave = parse(message_class("WaveformBlock"), message.data, self._place)
@@ -390,13 +390,13 @@ class _Waveforms:
 class _Protobuf:
     """Any protobuf message: every Timestamp in it, however deep."""
 
-    def __init__(self, kind: Any, clock: DeviceClock, place: str) -> None:
+    def __init__(self, kind: Any, clock: DeviceClock, where: str) -> None:
         self._kind = kind
         self._clock = clock
-        self._place = place
+        self._place = where
 
     @classmethod
-    def of(cls, schema: Schema, clock: DeviceClock, place: str) -> _Protobuf | None:
+    def of(cls, schema: Schema, clock: DeviceClock, where: str) -> _Protobuf | None:
         """Return the mover of a message type; None where its schema cannot be read."""
         pool = descriptor_pool.DescriptorPool()
         try:
@@ -405,7 +405,7 @@ class _Protobuf:
             kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
         except (DecodeError, KeyError, TypeError):
             return None
-        return cls(kind, clock, place)
+        return cls(kind, clock, where)
 
     def moved(self, message: Message) -> bytes:
         content = parse(self._kind, message.data, self._place)
@@ -430,25 +430,25 @@ class _Ros:
     """ROS 2 messages: every header's stamp that is not zero."""
 
     def __init__(
-        self, decoder: CdrDecoder, stream: Stream | None, clock: DeviceClock, place: str
+        self, decoder: CdrDecoder, stream: Stream | None, clock: DeviceClock, where: str
     ) -> None:
         self._decoder = decoder
         self._clock = clock
-        self._place = place
+        self._place = where
         self._layouts: dict[int, tuple[Layout, list[tuple[int, int, str]]]] = {}
         counted = stream is not None and not stream.irregular
         self._rate_hz = stream.rate_hz if stream is not None and counted else None
 
     @classmethod
     def of(
-        cls, schema: Schema, stream: Stream | None, clock: DeviceClock, place: str
+        cls, schema: Schema, stream: Stream | None, clock: DeviceClock, where: str
     ) -> _Ros | None:
         """Return the mover of a message type; None where its schema cannot be read."""
         try:
             definition = parse_ros2msg(schema.name, schema.data.decode("utf-8", "replace"))
         except SchemaError:
             return None
-        return cls(CdrDecoder(definition, place), stream, clock, place)
+        return cls(CdrDecoder(definition, where), stream, clock, where)
 
     def moved(self, message: Message) -> bytes:
         data = bytearray(message.data)
@@ -476,23 +476,23 @@ class _Ros:
 
     def _stamps(self, data: bytes) -> list[tuple[int, int, str]]:
         """Return where seconds and nanoseconds of each stamp lie, and the byte order."""
-        known = self._layouts.get(len(data))
-        if known is None or not known[0].fits(np.frombuffer(data, f"V{len(data)}"))[0]:
+        cached = self._layouts.get(len(data))
+        if cached is None or not cached[0].fits(np.frombuffer(data, f"V{len(data)}"))[0]:
             layout = self._decoder.layout(data)
-            known = self._layouts[len(data)] = (layout, _stamps_in(layout))
-        return known[1]
+            cached = self._layouts[len(data)] = (layout, _stamps_in(layout))
+        return cached[1]
 
 
 def _stamps_in(layout: Layout) -> list[tuple[int, int, str]]:
-    found = []
+    stamps = []
     for path, places in layout.places.items():
         if not path.endswith("stamp.sec"):
             continue
         nanos = layout.places.get(f"{path.removesuffix('sec')}nanosec", [])
         for sec, nanosec in zip(places, nanos, strict=False):
             if sec.dtype[1:] in ("i4", "u4") and nanosec.dtype[1:] == "u4":
-                found.append((sec.offset, nanosec.offset, sec.dtype[0]))
-    return found
+                stamps.append((sec.offset, nanosec.offset, sec.dtype[0]))
+    return stamps
 
 
 #: Channel metadata: name of the file that a channel was in.

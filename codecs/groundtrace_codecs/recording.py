@@ -165,8 +165,8 @@ class Recording:
         """Messages by topic, in the order of the channels' ids."""
         counts: dict[str, int] = {}
         for channel in sorted(self.file.channels.values(), key=lambda c: c.id):
-            found = self.file.message_counts.get(channel.id, 0)
-            counts[channel.topic] = counts.get(channel.topic, 0) + found
+            count = self.file.message_counts.get(channel.id, 0)
+            counts[channel.topic] = counts.get(channel.topic, 0) + count
         return counts
 
     @cached_property
@@ -278,20 +278,20 @@ class Recording:
         if len(ids) != 1 or self._clock is not None or ids[0] not in self._lags:
             return None
         reader, lag = self._readers[ids[0]], self._lags[ids[0]]
-        found = self.file.counted(ids[0])
+        counts = self.file.counted(ids[0])
         stream = next(s for s in reader.streams if s.topic == topic)
-        if stream.irregular or not found:
+        if stream.irregular or not counts:
             return None
-        before = np.cumsum([0, *(count for _, count in found)], dtype=np.int64)[:-1]
-        chunks = tuple(chunk for chunk, _ in found)
+        before = np.cumsum([0, *(count for _, count in counts)], dtype=np.int64)[:-1]
+        chunks = tuple(chunk for chunk, _ in counts)
         return CountedMessages(self.file, ids[0], reader, stream, lag.first_ns, chunks, before)
 
     def _wanted(self, topics: Collection[str] | None) -> set[str]:
-        known = {s.topic for s in self.streams}
-        missing = sorted(set(topics or ()) - known)
+        available = {s.topic for s in self.streams}
+        missing = sorted(set(topics or ()) - available)
         if missing:
             raise CodecError(f"{self.name}: expected a stream {missing[0]}, found none")
-        return known if topics is None else set(topics)
+        return available if topics is None else set(topics)
 
     def _decoded(
         self,
@@ -307,8 +307,8 @@ class Recording:
 
     def decoded(self, messages: MessageTable) -> list[LoggedBlock]:
         """Return the blocks of messages of any channels, in the order of log time."""
-        known = messages.of_channels([i for i in messages.counts() if i in self._readers])
-        return self._blocks_of(_by_channel([known]), self._readers) if known else []
+        decodable = messages.of_channels([i for i in messages.counts() if i in self._readers])
+        return self._blocks_of(_by_channel([decodable]), self._readers) if decodable else []
 
     def _blocks_of(
         self,
@@ -344,15 +344,15 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
     """Let channels of one topic share its stream; a topic's other kind of stream gets the id."""
     streams: dict[str, Stream] = {}
     for channel_id, reader in readers.items():
-        own = []
+        unified = []
         for stream in reader.streams:
-            known = streams.setdefault(stream.topic, stream)
-            same = replace(stream, rate_hz=known.rate_hz) == known
-            if not same or (stream.rate_hz != known.rate_hz and not stream.irregular):
+            shared = streams.setdefault(stream.topic, stream)
+            same = replace(stream, rate_hz=shared.rate_hz) == shared
+            if not same or (stream.rate_hz != shared.rate_hz and not stream.irregular):
                 stream = replace(stream, topic=f"{stream.topic}#{channel_id}")
-                known = streams.setdefault(stream.topic, stream)
-            own.append(known)
-        reader.streams = tuple(own)
+                shared = streams.setdefault(stream.topic, stream)
+            unified.append(shared)
+        reader.streams = tuple(unified)
     return tuple(streams.values())
 
 
@@ -380,14 +380,14 @@ class ChannelReader(Protocol):
 
 def probe(file: McapFile, channel_id: int) -> MessageTable:
     """Return the first messages of a channel, at most 500 and 30 s, enough to know its rate."""
-    found = MessageTable.none()
+    messages = MessageTable.none()
     for table in file.tables({channel_id}):
-        end_ns = (found or table)[0].log_time + PROBE_NS
-        count = min(table.before(end_ns), PROBE_MESSAGES - len(found))
-        found = MessageTable.joined([found, table[:count]])
+        end_ns = (messages or table)[0].log_time + PROBE_NS
+        count = min(table.before(end_ns), PROBE_MESSAGES - len(messages))
+        messages = MessageTable.joined([messages, table[:count]])
         if count < len(table):
             break
-    return found
+    return messages
 
 
 def reader_for(
@@ -430,9 +430,9 @@ def median_rate(times_ns: NDArray[np.int64]) -> float:
 class WaveformReader:
     """Reads ``groundtrace.WaveformBlock`` messages, one block each unless they are joined."""
 
-    def __init__(self, stream: Stream, place: str) -> None:
+    def __init__(self, stream: Stream, where: str) -> None:
         self.streams: tuple[Stream, ...] = (stream,)
-        self._place = place
+        self._place = where
         self._count = 0  # samples of the last message: most have as many
 
     def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[LoggedBlock]:
@@ -451,25 +451,25 @@ class WaveformReader:
 
 
 def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader | None:
-    place = _place(file, channel)
+    where = _place(file, channel)
     if STREAM_KEY in channel.metadata:
         text = channel.metadata[STREAM_KEY]
-        return WaveformReader(stream_from_json(text, channel.topic, place), place)
-    wave = _first_wave(probe(file, channel.id), place)
+        return WaveformReader(stream_from_json(text, channel.topic, where), where)
+    wave = _first_wave(probe(file, channel.id), where)
     if wave is None:
         return None
     columns = range(1, 1 + wave.samples.shape[1])
     channels = tuple(Channel(f"ch{i}", "seismic", "count") for i in columns)
     rate = wave.rate_hz if wave.times_ns is None else median_rate(wave.times_ns)
     stream = Stream(channel.topic, channels, rate, irregular=wave.times_ns is not None)
-    return WaveformReader(stream, place)
+    return WaveformReader(stream, where)
 
 
-def _first_wave(messages: Sequence[Message], place: str) -> Waveform | None:
+def _first_wave(messages: Sequence[Message], where: str) -> Waveform | None:
     """Return the first message that can be decoded."""
     for message in messages:
         with suppress(CodecError):
-            return decode_waveform(message.data, place)
+            return decode_waveform(message.data, where)
     return None
 
 
@@ -489,12 +489,12 @@ class RosReader:
         definition: Definition,
         sources: Sequence[RosSource],
         streams: Sequence[Stream],
-        place: str,
+        where: str,
     ) -> None:
         self.streams: tuple[Stream, ...] = tuple(streams)
-        self._place = place
+        self._place = where
         self._sources = sources
-        self._decoder = CdrDecoder(definition, place)
+        self._decoder = CdrDecoder(definition, where)
         self._orders = [
             list(range(len(s.fields))) if s.position else column_order(s.kind, t)
             for s, t in zip(sources, streams, strict=True)
@@ -511,31 +511,33 @@ class RosReader:
         log_ns = log_times(messages, self._place)
         tables = list(self._decoder.tables(messages.by_size()))
         for source, stream, order in zip(self._sources, self.streams, self._orders, strict=True):
-            found = read_samples(source, tables, log_ns)
-            if not len(found.times_ns):
+            samples = read_samples(source, tables, log_ns)
+            if not len(samples.times_ns):
                 continue
-            values = found.values if order == sorted(order) else found.values[:, order]
+            values = samples.values if order == sorted(order) else samples.values[:, order]
             if stream.irregular:
                 first = messages[0].sequence
-                block = SignalBlock(stream, int(found.times_ns[0]), first, values, found.times_ns)
+                block = SignalBlock(
+                    stream, int(samples.times_ns[0]), first, values, samples.times_ns
+                )
                 yield LoggedBlock(messages[-1].log_time, block)
             else:
                 indices = messages.rows["sequence"]
-                yield from _runs(stream, indices, found.times_ns, values, log_ns)
+                yield from _runs(stream, indices, samples.times_ns, values, log_ns)
 
 
-def log_times(messages: MessageTable, place: str) -> NDArray[np.int64]:
+def log_times(messages: MessageTable, where: str) -> NDArray[np.int64]:
     """Return the log time of every message [ns].
 
     Raises
     ------
     SchemaError
-        Where one does not fit an int64; names ``place``.
+        Where one does not fit an int64; names ``where``.
     """
     times = messages.rows["log_time"].astype(np.int64)
     if (times < 0).any():
         latest = messages.rows["log_time"].max()
-        raise SchemaError(f"{place}: log_time: expected less than 2^63 ns, found {latest}")
+        raise SchemaError(f"{where}: log_time: expected less than 2^63 ns, found {latest}")
     return times
 
 
@@ -555,7 +557,7 @@ def _runs(
 
 
 def _ros_reader(file: McapFile, channel: ChannelRecord, schema: Schema) -> RosReader | None:
-    place = _place(file, channel)
+    where = _place(file, channel)
     try:
         definition = parse_ros2msg(schema.name, schema.data.decode("utf-8", "replace"))
     except SchemaError:
@@ -565,20 +567,20 @@ def _ros_reader(file: McapFile, channel: ChannelRecord, schema: Schema) -> RosRe
     if not sources:
         return None
     if STREAM_KEY in channel.metadata:
-        stream = stream_from_json(channel.metadata[STREAM_KEY], channel.topic, place)
+        stream = stream_from_json(channel.metadata[STREAM_KEY], channel.topic, where)
         if definition.name not in KINDS or kind_of(stream) != definition.name:
-            raise SchemaError(f"{place}: expected the channels of {definition.name}, found others")
-        return RosReader(definition, sources, (stream,), place)
+            raise SchemaError(f"{where}: expected the channels of {definition.name}, found others")
+        return RosReader(definition, sources, (stream,), where)
     return _estimated(file, channel, definition)
 
 
-def nominal_reader(definition: Definition, topic: str, place: str) -> RosReader | None:
+def nominal_reader(definition: Definition, topic: str, where: str) -> RosReader | None:
     """Return the reader of a topic of another tool at a nominal 1 Hz, None without signals."""
     sources = find_sources(definition)
     if not sources:
         return None
     streams = [Stream(topic + s.suffix, s.channels, 1.0, irregular=True) for s in sources]
-    return RosReader(definition, sources, streams, place)
+    return RosReader(definition, sources, streams, where)
 
 
 def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -> RosReader | None:
@@ -601,10 +603,10 @@ def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -
 class LocationReader:
     """Reads ``foxglove.LocationFix`` and ``foxglove.LocationFixes``."""
 
-    def __init__(self, stream: Stream, schema_name: str, place: str) -> None:
+    def __init__(self, stream: Stream, schema_name: str, where: str) -> None:
         self.streams: tuple[Stream, ...] = (stream,)
         self._many = schema_name.endswith("Fixes")
-        self._place = place
+        self._place = where
 
     def _fixes(self, message: Message) -> Sequence[Any]:
         if self._many:
@@ -751,12 +753,12 @@ def batches(
     for table in tables:
         done = 0
         while done < len(table):
-            own = int(table.rows["log_time"][done]) // batch_ns
-            if own != number and pending:
+            batch_index = int(table.rows["log_time"][done]) // batch_ns
+            if batch_index != number and pending:
                 yield _by_channel(pending)
                 pending = []
-            number = own
-            stop = table.before((own + 1) * batch_ns)
+            number = batch_index
+            stop = table.before((batch_index + 1) * batch_ns)
             pending.append(table[done:stop])
             done = stop
     if pending:
@@ -767,7 +769,7 @@ def _by_channel(tables: Sequence[MessageTable]) -> list[tuple[int, MessageTable]
     """Return the messages of each channel as one table, in the order of their ids."""
     parts = [(i, table.of_channels([i])) for table in tables for i in table.counts()]
     grouped = groupby(sorted(parts, key=_channel), key=_channel)
-    return [(i, MessageTable.joined([part for _, part in own])) for i, own in grouped]
+    return [(i, MessageTable.joined([part for _, part in group])) for i, group in grouped]
 
 
 @dataclass(frozen=True, slots=True)
@@ -824,9 +826,9 @@ class CountedMessages:
 def lags_of(file: McapFile, readers: dict[int, ChannelReader]) -> dict[int, Lag]:
     """Return the lag of each channel that has samples, by its id."""
     begin = next(file.tables(readers.keys()), MessageTable.none())
-    found = {i: _lag([begin.of_channels([i])], reader) for i, reader in readers.items()}
+    lags = {i: _lag([begin.of_channels([i])], reader) for i, reader in readers.items()}
     del begin  # its memory is wanted for what comes first of each other channel
-    late = {i: found[i] or _lag(file.tables({i}), reader) for i, reader in readers.items()}
+    late = {i: lags[i] or _lag(file.tables({i}), reader) for i, reader in readers.items()}
     return {i: lag for i, lag in late.items() if lag is not None}
 
 

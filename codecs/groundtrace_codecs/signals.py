@@ -346,13 +346,13 @@ def to_si(unit: str) -> tuple[str, float]:
     >>> to_si("hPa")
     ('Pa', 100.0)
     """
-    known = _UNITS.get(_SPELLINGS.get(unit, unit))
-    if known is None:
+    conversion = _UNITS.get(_SPELLINGS.get(unit, unit))
+    if conversion is None:
         raise SchemaError(
             f"unit: expected one of {', '.join(_UNITS)}, found {unit!r}"
             f"{did_you_mean(unit, (*_UNITS, *_SPELLINGS))}"
         )
-    return known
+    return conversion
 
 
 def to_quantity(quantity: str, unit: str) -> tuple[str, float]:
@@ -401,7 +401,7 @@ def stream_json(stream: Stream) -> str:
     return json.dumps(asdict(stream), default=float)
 
 
-def stream_from_json(text: str, topic: str, place: str) -> Stream:
+def stream_from_json(text: str, topic: str, where: str) -> Stream:
     """Read a stream's description; the channel's own topic holds.
 
     Raises
@@ -412,10 +412,10 @@ def stream_from_json(text: str, topic: str, place: str) -> Stream:
     try:
         stream = msgspec.json.decode(text, type=Stream)
     except msgspec.DecodeError as error:
-        raise SchemaError(f"{place}: expected a stream, found: {error}") from error
+        raise SchemaError(f"{where}: expected a stream, found: {error}") from error
     if not stream.channels or not stream.rate_hz > 0:
         raise SchemaError(
-            f"{place}: expected channels and a positive rate, found {len(stream.channels)} "
+            f"{where}: expected channels and a positive rate, found {len(stream.channels)} "
             f"channels at {stream.rate_hz} Hz"
         )
     return replace(stream, topic=topic)

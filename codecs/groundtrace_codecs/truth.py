@@ -137,11 +137,11 @@ def _labels_of(
             cells = [plain_cell(cell) for cell in written]
             if not any(c.strip() for c in cells) or cells[0].startswith("#"):
                 continue
-            place = f"{name}: line {reader.line_num}"
+            where = f"{name}: line {reader.line_num}"
             if header is None:
-                header = _header(cells, place, COLUMNS if not files else (*COLUMNS, "file"))
+                header = _header(cells, where, COLUMNS if not files else (*COLUMNS, "file"))
             else:
-                row = _Row.of(header, cells, place)
+                row = _Row.of(header, cells, where)
                 labels.append(row.label(row.origin_ns(start_ns, files or {})))
     except csv.Error as error:
         raise SchemaError(
@@ -209,7 +209,7 @@ def names_of(
 
 
 def unmatched_names(
-    labels: Sequence[Label], known: Mapping[str, Sequence[str] | None], place: str
+    labels: Sequence[Label], names: Mapping[str, Sequence[str] | None], where: str
 ) -> list[str]:
     """Return a line for each kind of label of which some name what a recording does not have.
 
@@ -217,9 +217,9 @@ def unmatched_names(
     ----------
     labels
         The truth.
-    known
+    names
         As :func:`names_of` gives it.
-    place
+    where
         Where the truth is from.
 
     Raises
@@ -227,47 +227,47 @@ def unmatched_names(
     SchemaError
         Where none of the names is one of the recording's; lists both.
     """
-    found = []
+    warnings = []
     for kind, what in _NAMED.items():
         named = list(dict.fromkeys(x.channel for x in labels if x.kind == kind and x.channel))
-        there = known.get(kind)
+        there = names.get(kind)
         if there is None or not named:
             continue
         strange = [name for name in named if name not in there]
         if len(strange) == len(named):
             raise SchemaError(
-                f"{place}: channel: expected {what} of the recording ({_listed(there)}), found "
+                f"{where}: channel: expected {what} of the recording ({_listed(there)}), found "
                 f"{_listed(named)}"
             )
         if strange:
-            found.append(
-                f"{place}: {len(strange)} of {len(named)} {what} of the truth are none of the "
+            warnings.append(
+                f"{where}: {len(strange)} of {len(named)} {what} of the truth are none of the "
                 f"recording's: {_listed(strange)}"
             )
-    return found
+    return warnings
 
 
 def _listed(names: Sequence[str]) -> str:
     more = len(names) - _LISTED
-    told = ", ".join(names[:_LISTED]) or "none"
-    return f"{told} and {more} more" if more > 0 else told
+    text = ", ".join(names[:_LISTED]) or "none"
+    return f"{text} and {more} more" if more > 0 else text
 
 
-def _header(cells: list[str], place: str, known: Sequence[str]) -> list[str]:
+def _header(cells: list[str], where: str, columns: Sequence[str]) -> list[str]:
     """Return the names of the columns."""
     names = [c.strip() for c in cells]
     for name in names:
-        if name not in known:
+        if name not in columns:
             raise SchemaError(
-                f"{place}: header: expected one of {', '.join(known)}, found {name!r}"
-                f"{did_you_mean(name, known)}"
+                f"{where}: header: expected one of {', '.join(columns)}, found {name!r}"
+                f"{did_you_mean(name, columns)}"
             )
         if names.count(name) > 1:
-            raise SchemaError(f"{place}: header: expected {name} once, found it twice")
+            raise SchemaError(f"{where}: header: expected {name} once, found it twice")
     for pair in (("time_s", "time_ns"), ("kind",)):
         if sum(n in names for n in pair) != 1:
             raise SchemaError(
-                f"{place}: header: expected one column {' or '.join(pair)}, found {names}"
+                f"{where}: header: expected one column {' or '.join(pair)}, found {names}"
             )
     return names
 
@@ -280,11 +280,11 @@ class _Row:
     place: str
 
     @classmethod
-    def of(cls, header: list[str], cells: list[str], place: str) -> _Row:
+    def of(cls, header: list[str], cells: list[str], where: str) -> _Row:
         if len(cells) != len(header):
-            raise SchemaError(f"{place}: row: expected {len(header)} cells, found {len(cells)}")
+            raise SchemaError(f"{where}: row: expected {len(header)} cells, found {len(cells)}")
         pairs = zip(header, (c.strip() for c in cells), strict=True)
-        return cls({name: cell for name, cell in pairs if cell}, place)
+        return cls({name: cell for name, cell in pairs if cell}, where)
 
     def origin_ns(self, start_ns: int, files: Mapping[str, int]) -> int:
         """Return what the row's seconds count from: its file, or else the recording [ns]."""
@@ -353,10 +353,10 @@ class _Row:
             raise self.wrong(column, "a finite number")
         return value
 
-    def wrong(self, column: str, expected: str, known: Iterable[str] = ()) -> SchemaError:
+    def wrong(self, column: str, expected: str, accepted: Iterable[str] = ()) -> SchemaError:
         cell = self.cells.get(column)
-        found = "nothing" if cell is None else f"{cell[:40]!r}{did_you_mean(cell[:40], known)}"
-        return SchemaError(f"{self.place}: {column}: expected {expected}, found {found}")
+        actual = "nothing" if cell is None else f"{cell[:40]!r}{did_you_mean(cell[:40], accepted)}"
+        return SchemaError(f"{self.place}: {column}: expected {expected}, found {actual}")
 
 
 def _listed_files(files: Mapping[str, int]) -> str:
@@ -451,7 +451,7 @@ def picks_of(
         int(p): _one_at(sgt.points[p, :axes], shots[:, :axes], f"{name}: shot {p + 1}")
         for p in np.unique(sgt.shot)
     }
-    heard = {
+    receivers = {
         int(p): _one_at(sgt.points[p, :axes], places[:, :axes], f"{name}: geophone {p + 1}")
         for p in np.unique(sgt.geophone)
     }
@@ -459,7 +459,7 @@ def picks_of(
         Label(
             placed[at[s]].time_ns + round(t * NS_PER_S),
             "pick",
-            channel=sensors[heard[g]].channel,
+            channel=sensors[receivers[g]].channel,
             label=placed[at[s]].label,
         )
         for s, g, t in zip(
@@ -468,15 +468,15 @@ def picks_of(
     )
 
 
-def _one_at(point: NDArray[np.float64], candidates: NDArray[np.float64], place: str) -> int:
+def _one_at(point: NDArray[np.float64], candidates: NDArray[np.float64], where: str) -> int:
     """Return the row of the only candidate at ``point``."""
-    found = np.flatnonzero(np.linalg.norm(candidates - point, axis=1) <= _SAME_PLACE_M)
-    if len(found) != 1:
-        where = ", ".join(f"{c:g}" for c in point)
+    rows = np.flatnonzero(np.linalg.norm(candidates - point, axis=1) <= _SAME_PLACE_M)
+    if len(rows) != 1:
+        coordinates = ", ".join(f"{c:g}" for c in point)
         raise SchemaError(
-            f"{place}: expected one in the recording at {where} m, found {len(found)}"
+            f"{where}: expected one in the recording at {coordinates} m, found {len(rows)}"
         )
-    return int(found[0])
+    return int(rows[0])
 
 
 class _Rows:

@@ -20,6 +20,6 @@ def most_unpacked(packed: int, ratio: int = _LARGE_RATIO) -> int:
     return max(_LARGE_BYTES, packed * ratio)
 
 
-def too_much(limit: int, packed: int, found: int) -> str:
+def too_much(limit: int, packed: int, size: int) -> str:
     """Return what is said of a part that holds more than its limit."""
-    return f"expected at most {limit} uncompressed bytes of {packed} compressed ones, found {found}"
+    return f"expected at most {limit} uncompressed bytes of {packed} compressed ones, found {size}"

@@ -125,15 +125,15 @@ class RecordingWriter:
         CodecError
             Where the topic is taken, the format unknown, or there are no channels.
         """
-        place = f"{self.path}: {stream.topic}"
+        where = f"{self.path}: {stream.topic}"
         if stream.topic in self._streams:
-            raise CodecError(f"{place}: expected a new topic, found it already added")
+            raise CodecError(f"{where}: expected a new topic, found it already added")
         if sample_format not in FORMATS:
-            known = ", ".join(FORMATS)
-            raise CodecError(f"{place}: expected one of {known}, found {sample_format!r}")
+            formats = ", ".join(FORMATS)
+            raise CodecError(f"{where}: expected one of {formats}, found {sample_format!r}")
         if not stream.channels or not stream.rate_hz > 0:
             raise CodecError(
-                f"{place}: expected channels and a positive rate, found {len(stream.channels)} "
+                f"{where}: expected channels and a positive rate, found {len(stream.channels)} "
                 f"channels at {stream.rate_hz} Hz"
             )
         encoders = encoders_for(stream, sample_format)
@@ -161,17 +161,17 @@ class RecordingWriter:
             self._send(encoder.output, encoder.encode(block))
 
     def _check(self, stream: Stream, block: SignalBlock) -> None:
-        place = f"{self.path}: {block.topic}"
+        where = f"{self.path}: {block.topic}"
         columns = len(stream.channels)
         if block.samples.ndim != 2 or block.samples.shape[1] != columns:
             raise CodecError(
-                f"{place}: expected samples of shape (n, {columns}), found {block.samples.shape}"
+                f"{where}: expected samples of shape (n, {columns}), found {block.samples.shape}"
             )
         if stream.irregular != (block.times_ns is not None):
-            expected, found = ("own", "no") if stream.irregular else ("no", "own")
-            raise CodecError(f"{place}: expected {expected} sample times, found {found}")
+            expected, actual = ("own", "no") if stream.irregular else ("no", "own")
+            raise CodecError(f"{where}: expected {expected} sample times, found {actual}")
         if block.first < 0:
-            raise CodecError(f"{place}: expected a first index >= 0, found {block.first}")
+            raise CodecError(f"{where}: expected a first index >= 0, found {block.first}")
 
     def set_geometry(self, geometry: Geometry) -> None:
         """Store the site: ``site.json`` and the sensors' frames on ``/tf_static``.
@@ -390,14 +390,14 @@ class Buckets:
             yield from self.flush()
         self._pending.append(block)
         first, end = self._pending[0].first, block.first + len(block)
-        whole = end // self.size * self.size - first
-        if whole <= 0:
+        filled = end // self.size * self.size - first
+        if filled <= 0:
             self._pending[-1] = _owned(block)
             return
         joined = as_one(self._pending)
-        rest = joined.slice(whole, len(joined))
+        rest = joined.slice(filled, len(joined))
         self._pending = [_owned(rest)] if len(rest) else []
-        yield joined.slice(0, whole)
+        yield joined.slice(0, filled)
 
     def flush(self) -> Iterator[SignalBlock]:
         """Yield what is left."""
@@ -616,11 +616,11 @@ def encode_event(event: Event) -> Sequence[Encoded]:
         kinds = ("CandidateBlock", "TraceBlock")
         return [(_stage_output(event, kind), None) for kind in kinds]
     if isinstance(event, CandidateBlock):
-        whole = _candidates(event) if len(event) else None
-        return [(_stage_output(event.spec, "CandidateBlock"), whole)] if whole else []
+        message = _candidates(event) if len(event) else None
+        return [(_stage_output(event.spec, "CandidateBlock"), message)] if message else []
     if isinstance(event, TraceBlock):
-        whole = _trace(event) if len(event) else None
-        return [(_stage_output(event.spec, "TraceBlock"), whole)] if whole else []
+        message = _trace(event) if len(event) else None
+        return [(_stage_output(event.spec, "TraceBlock"), message)] if message else []
     return _encoder_of(type(event))(event)
 
 
@@ -674,13 +674,13 @@ def _made_encoder(cls: type[Any]) -> Callable[[Any], list[Encoded]]:
     """Return what encodes the events of a kind: the message's fields are the event's own."""
     layout = layout_of(cls)
     output, text_of = protobuf_output(EVENTS[cls].topic, cls.__name__), EVENTS[cls].text
-    own = tuple(n for n in layout.names if n not in TIMES)
-    message_of, values_of = layout.message, attrgetter(*own, "time_ns")
+    names = tuple(n for n in layout.names if n not in TIMES)
+    message_of, values_of = layout.message, attrgetter(*names, "time_ns")
     span = "end_ns" in layout.names
 
     def encode(event: Any) -> list[Encoded]:
         values = values_of(event)
-        message = message_of(**dict(zip(own, values, strict=False)))  # the time comes after them
+        message = message_of(**dict(zip(names, values, strict=False)))  # the time comes after them
         start_ns = last_ns = int(values[-1])
         if span:
             set_time(message.end, event.end_ns)

@@ -27,24 +27,8 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.errors import Error, not_written
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
-
-
-def did_you_mean(name: str, choices: Iterable[str]) -> str:
-    """Return ``; did you mean NAME?`` with the known name nearest to a wrong one, or nothing.
-
-    Parameters
-    ----------
-    name
-        The wrong name.
-    choices
-        Those it could have been.
-    """
-    from difflib import get_close_matches
-
-    near = get_close_matches(name, list(choices), n=1)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 class GroundtraceError(Error):

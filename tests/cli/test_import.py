@@ -61,7 +61,7 @@ def test_a_format_that_a_map_spells_wrong_is_told_in_the_map(capsys: Capture) ->
     Path("m.toml").write_text(Path("m.toml").read_text("utf-8").replace('"csv"', '"cvs"'), "utf-8")
     error = run(capsys, *arguments).error
     assert error.startswith("m.toml: format: expected one of audio, csv")
-    assert error.endswith("found 'cvs': did you mean csv?")
+    assert error.endswith("found 'cvs'; did you mean csv?")
 
 
 UNITS = [

@@ -71,7 +71,7 @@ def test_any_quantity_may_be_in_arbitrary_units() -> None:
 def test_a_wrong_spelling_names_the_nearest_of_its_quantity(
     quantity: str, unit: str, near: str
 ) -> None:
-    with pytest.raises(SchemaError, match=rf"found '{unit}': did you mean {near}\?"):
+    with pytest.raises(SchemaError, match=rf"found '{unit}'; did you mean {near}\?"):
         to_quantity(quantity, unit)
 
 

@@ -189,16 +189,16 @@ def _start_ns(first: _Sound, map_: ImportMap | None) -> int:
         if isinstance(start, float | int) and 0 <= start < 9e9:
             return round(start * NS_PER_S)
         raise SchemaError(f"{map_.file}: start: expected ISO 8601 or unix seconds, found {start}")
-    found = origination(first.path)
-    if found is None:
+    origin = origination(first.path)
+    if origin is None:
         return 0
-    place = f"{first.path.name}: bext"
-    later_s = found.samples / first.rate_hz
+    where = f"{first.path.name}: bext"
+    later_s = origin.samples / first.rate_hz
     if later_s > _LONGEST_S:
         raise FormatError(
-            f"{place}: expected samples since midnight, found {later_s:.3g} s of them"
+            f"{where}: expected samples since midnight, found {later_s:.3g} s of them"
         )
-    return parse_start(found.date, place) + round(found.samples * NS_PER_S / first.rate_hz)
+    return parse_start(origin.date, where) + round(origin.samples * NS_PER_S / first.rate_hz)
 
 
 def _streams(first: _Sound, map_: ImportMap | None) -> list[tuple[Stream, list[int]]]:
@@ -296,15 +296,15 @@ def chunks(path: Path) -> Iterator[Chunk]:
     with path.open("rb") as file:
         if file.read(4) not in (b"RIFF", b"RF64"):
             return
-        place = 12
+        offset = 12
         for _ in range(_MAX_CHUNKS):
-            file.seek(place)
+            file.seek(offset)
             head = file.read(_HEAD)
             if len(head) < _HEAD:
                 return
             size = int.from_bytes(head[4:], "little")
-            yield Chunk(head[:4], place + _HEAD, size)
-            place += _HEAD + size + size % 2
+            yield Chunk(head[:4], offset + _HEAD, size)
+            offset += _HEAD + size + size % 2
 
 
 def bytes_missing(path: Path) -> int:
@@ -322,11 +322,11 @@ def origination(path: Path) -> Origination | None:
     The time of day is that of the sample count since midnight (``TimeReference``), which is exact;
     recorders that leave it at zero give whole seconds (``OriginationTime``) instead.
     """
-    found = next((c for c in chunks(path) if c.name == b"bext"), None)
-    if found is None:
+    bext = next((c for c in chunks(path) if c.name == b"bext"), None)
+    if bext is None:
         return None
     with path.open("rb") as file:
-        file.seek(found.start + 320)
+        file.seek(bext.start + 320)
         date, time, reference = file.read(10), file.read(8), file.read(8)
     day = re.fullmatch(rb"(\d{4}).(\d\d).(\d\d)", date)
     clock = re.fullmatch(rb"(\d\d).(\d\d).(\d\d)", time)

@@ -378,8 +378,12 @@ class Timing:
 
     def shifted(self, by_ns: int) -> Timing:
         """Return the same timing ``by_ns`` later."""
-        own = self.times_ns
-        later = None if own is None else Computed(len(own), lambda rows: own[rows] + by_ns)
+        times_ns = self.times_ns
+        later = (
+            None
+            if times_ns is None
+            else Computed(len(times_ns), lambda rows: times_ns[rows] + by_ns)
+        )
         return replace(self, anchor_ns=self.anchor_ns + by_ns, times_ns=later)
 
     def __len__(self) -> int:
@@ -428,21 +432,23 @@ class Blocks:
         timing = self.timing
         for piece in pieces(len(timing)):
             samples = self.samples[piece]
-            own = timing[piece] if timing.index is None else None
+            times_ns = timing[piece] if timing.index is None else None
             index = None if timing.index is None else timing.index[piece]
-            for a, b in pairwise(self._edges(piece, own, index)):
+            for a, b in pairwise(self._edges(piece, times_ns, index)):
                 first = piece.start + a if index is None else int(index[a])
-                back_ns = 0 if own is not None else sum_before(timing.set_back, piece.start + a)
+                back_ns = (
+                    0 if times_ns is not None else sum_before(timing.set_back, piece.start + a)
+                )
                 yield SignalBlock(
                     self.stream,
                     timing.anchor_ns - back_ns,
                     first,
                     samples[a:b],
-                    None if own is None else own[a:b],
+                    None if times_ns is None else times_ns[a:b],
                 )
 
     def _edges(
-        self, piece: slice, own: NDArray[Any] | None, index: NDArray[Any] | None
+        self, piece: slice, times_ns: NDArray[Any] | None, index: NDArray[Any] | None
     ) -> list[int]:
         """Return where in a piece runs begin, at gaps and where time does not go on, and its end.
 
@@ -453,8 +459,8 @@ class Blocks:
             inside = (at - piece.start for at, _ in self.timing.set_back)
             backs = [at for at in inside if 0 < at < len(index)]
             return [0, *np.union1d(holes, backs).astype(int).tolist(), len(index)]
-        assert own is not None
-        return [0, *(np.flatnonzero(np.diff(own) < 0) + 1).tolist(), len(own)]
+        assert times_ns is not None
+        return [0, *(np.flatnonzero(np.diff(times_ns) < 0) + 1).tolist(), len(times_ns)]
 
 
 def earlier_by(set_back: Sequence[tuple[int, int]], rows: slice) -> NDArray[np.int64]:
@@ -531,14 +537,16 @@ def fit(times_ns: Column) -> Timing:
     if back := tuple(steps_back(times_ns)):
         on = fit(without_set_backs(times_ns, back))
         return replace(on, times_ns=None if on.times_ns is None else times_ns, set_back=back)
-    usual = median(lambda: (step[step > 0] for step in steps(times_ns)))
-    whole = int(np.gcd.reduce([np.gcd.reduce(step) for step in steps(times_ns) if len(step)]))
+    median_ns = median(lambda: (step[step > 0] for step in steps(times_ns)))
+    resolution_ns = int(
+        np.gcd.reduce([np.gcd.reduce(step) for step in steps(times_ns) if len(step)])
+    )
     first_ns = int(times_ns[:1][0])
-    for period, offset, tolerance, one in _grids(times_ns, usual, whole):
+    for period, offset, tolerance, one in _grids(times_ns, median_ns, resolution_ns):
         index = _places(times_ns, period, offset, tolerance, one)
         if index is not None:
             return Timing(NS_PER_S / period, first_ns + round(offset), index, None)
-    return Timing(NS_PER_S / usual, first_ns, None, times_ns)
+    return Timing(NS_PER_S / median_ns, first_ns, None, times_ns)
 
 
 def _places(
@@ -564,20 +572,22 @@ def _places(
     return Computed(len(times_ns), lambda rows: places(rows)[1].astype(np.int64) - first)
 
 
-def _grids(times_ns: Column, usual: float, whole: int) -> Iterator[tuple[float, float, float, int]]:
+def _grids(
+    times_ns: Column, median_ns: float, resolution_ns: int
+) -> Iterator[tuple[float, float, float, int]]:
     """Yield (period, offset, tolerance, longest of one period for certain) [ns], likeliest first.
 
-    A whole rate, the usual difference as it is, the whole rate with the first time rounded as the
+    A whole rate, the median difference as it is, the whole rate with the first time rounded as the
     others are, and the slope of the count over the times.
     """
-    mean = _unrounded(times_ns, usual, whole)
-    tolerance = max(_JITTER * mean, min(_ROUNDING * float(whole), _LARGEST * mean))
-    if mean < 2 * whole and (line := _slope(times_ns, mean, 2 * whole)):
-        yield *line, _ROUNDING * whole, 2 * whole
+    mean = _unrounded(times_ns, median_ns, resolution_ns)
+    tolerance = max(_JITTER * mean, min(_ROUNDING * float(resolution_ns), _LARGEST * mean))
+    if mean < 2 * resolution_ns and (line := _slope(times_ns, mean, 2 * resolution_ns)):
+        yield *line, _ROUNDING * resolution_ns, 2 * resolution_ns
     rate = round(NS_PER_S / mean)
     if rate:
         yield NS_PER_S / rate, 0.0, tolerance, 0
-    yield usual, 0.0, tolerance, 0
+    yield median_ns, 0.0, tolerance, 0
     line = _slope(times_ns, mean, 0)
     if line is None:
         return
@@ -586,20 +596,20 @@ def _grids(times_ns: Column, usual: float, whole: int) -> Iterator[tuple[float, 
     yield *line, tolerance, 0
 
 
-def _unrounded(times_ns: Column, usual: float, whole: int) -> float:
-    """Return the mean of the differences that are one period rounded to ``whole`` [ns].
+def _unrounded(times_ns: Column, median_ns: float, resolution_ns: int) -> float:
+    """Return the mean of the differences that are one period rounded to ``resolution_ns`` [ns].
 
-    They are multiples n and n + 1 of it, of which there are most about the usual one.
+    They are multiples n and n + 1 of it, of which there are most about the median.
     """
-    middle = int(usual // whole)
+    middle = int(median_ns // resolution_ns)
     around = np.arange(middle - 1, middle + 2)
     count = np.zeros(3, np.int64)
     for step in steps(times_ns):
-        count += [int((step == n * whole).sum()) for n in around]
+        count += [int((step == n * resolution_ns).sum()) for n in around]
     count[around <= 0] = 0
     first = 0 if count[0] + count[1] > count[1] + count[2] else 1
-    held, at = count[first : first + 2], around[first : first + 2]
-    return float(held @ at * whole / held.sum()) if held.sum() else usual
+    weights, at = count[first : first + 2], around[first : first + 2]
+    return float(weights @ at * resolution_ns / weights.sum()) if weights.sum() else median_ns
 
 
 def _offset(times_ns: Column, period: float) -> float:
@@ -623,13 +633,13 @@ def _slope(times_ns: Column, period: float, one: int) -> tuple[float, float] | N
             return None
 
     def of_line() -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        place = 0.0
+        last_index = 0.0
         for rows, step in zip(pieces(count), steps(times_ns), strict=True):
             passed = np.where((step > 0) & (step <= one), 1.0, np.rint(step / period))
             if rows.start == 0:
                 passed = np.concatenate(([0.0], passed))
-            places = place + np.cumsum(passed)
-            place = float(places[-1])
+            places = last_index + np.cumsum(passed)
+            last_index = float(places[-1])
             yield places, (times_ns[rows] - first_ns).astype(np.float64)
 
     mean = sum(float(places.sum()) for places, _ in of_line()) / count

@@ -89,14 +89,14 @@ def guess_map(path: Path) -> Guess:
 
 def _numbers(table: RawTable, index: int) -> NDArray[np.float64] | None:
     """Return a column as numbers, None where more than one cell in ten is none."""
-    found = np.full(len(table.rows), np.nan)
+    values = np.full(len(table.rows), np.nan)
     for i, row in enumerate(table.rows):
         cell = row[index].strip()
         try:
-            found[i] = float(cell.replace(",", ".") if table.decimal == "," else cell)
+            values[i] = float(cell.replace(",", ".") if table.decimal == "," else cell)
         except ValueError:
             continue
-    return found if np.isfinite(found).mean() > 0.9 else None
+    return values if np.isfinite(values).mean() > 0.9 else None
 
 
 def _layout(table: RawTable) -> Remark:
@@ -236,12 +236,12 @@ def name_columns(header: Sequence[str], numbers: Numbers) -> dict[str, tuple[Col
     for each in named:
         quantity = "latitude" if each.quantity in _FIX else each.quantity
         groups.setdefault((quantity, each.rest), []).append(each)
-    whole = {k: g for k, g in groups.items() if _whole(k[0], g)}
-    found = {k: _with_unit(k[0], g, numbers) for k, g in whole.items()}
-    if not found:
+    complete = {k: g for k, g in groups.items() if _whole(k[0], g)}
+    columns = {k: _with_unit(k[0], g, numbers) for k, g in complete.items()}
+    if not columns:
         return _without_words(numbers)
-    several = len({rest for _, rest in found}) > 1
-    return _topics(found, several)
+    several = len({rest for _, rest in columns}) > 1
+    return _topics(columns, several)
 
 
 def _named(index: int, cell: str) -> Named | None:
@@ -256,8 +256,8 @@ def _named(index: int, cell: str) -> Named | None:
         axis = _axis(quantity, rest, match[1])
         if quantity in VECTORS and axis is None:
             continue
-        kept = re.sub(r"(^|[^a-z])[xyz]($|[^a-z])", " ", f" {rest} ")
-        slug = "_".join(re.findall(r"[a-z0-9]+", kept))
+        without_axis = re.sub(r"(^|[^a-z])[xyz]($|[^a-z])", " ", f" {rest} ")
+        slug = "_".join(re.findall(r"[a-z0-9]+", without_axis))
         return Named(index, quantity, axis or "", slug, cell)
     return None
 
@@ -266,9 +266,9 @@ def _axis(quantity: str, rest: str, word: str) -> Axis | None:
     """Return the axis of a column, by a letter that stands alone or ends the word."""
     if quantity not in VECTORS:
         return ""
-    found = re.search(r"(?:^|[^a-z])([xyz])(?:$|[^a-z])", rest) or re.search(r"([xyz])$", word)
+    match = re.search(r"(?:^|[^a-z])([xyz])(?:$|[^a-z])", rest) or re.search(r"([xyz])$", word)
     axes: dict[str, Axis] = {"x": "x", "y": "y", "z": "z"}
-    return axes[found[1]] if found else None
+    return axes[match[1]] if match else None
 
 
 def _whole(quantity: str, group: Sequence[Named]) -> bool:
@@ -284,8 +284,8 @@ def _with_unit(quantity: str, group: Sequence[Named], numbers: Numbers) -> tuple
             Column(n.place, n.quantity, _FIXED[n.quantity], "", "likely", "the header's words")
             for n in group
         )
-    said = {_said(quantity, n.cell) for n in group}
-    if len(said) == 1 and (unit := said.pop()) is not None:
+    units = {_said(quantity, n.cell) for n in group}
+    if len(units) == 1 and (unit := units.pop()) is not None:
         sureness, why = "sure", "the header says quantity and unit"
     else:
         unit, sureness, why = _by_size(quantity, np.stack([numbers[n.place] for n in group]))
@@ -317,12 +317,12 @@ def _by_size(quantity: str, values: NDArray[np.float64]) -> tuple[str, str, str]
 
 
 def _topics(
-    found: Mapping[tuple[str, str], tuple[Column, ...]], several: bool
+    groups: Mapping[tuple[str, str], tuple[Column, ...]], several: bool
 ) -> dict[str, tuple[Column, ...]]:
     """Return the groups by topic; acceleration and rotation of one sensor are one IMU."""
     topics: dict[str, tuple[Column, ...]] = {}
-    rests = Counter(r for q, r in found if q in ("acceleration", "angular_velocity"))
-    for (quantity, rest), columns in found.items():
+    rests = Counter(r for q, r in groups if q in ("acceleration", "angular_velocity"))
+    for (quantity, rest), columns in groups.items():
         imu = rests[rest] == 2 and quantity in ("acceleration", "angular_velocity")
         topic = "/imu" if imu else _TOPICS[quantity]
         topic += f"/{rest}" if several and rest else ""
@@ -348,8 +348,8 @@ def _without_words(numbers: Numbers) -> dict[str, tuple[Column, ...]]:
                 )
             }
     why = "no words are known and no numbers are as long as gravity"
-    found = tuple(Column(i, "seismic", "count", "", "unsure", why) for i in numbers)
-    return {"/seismic": found} if found else {}
+    columns = tuple(Column(i, "seismic", "count", "", "unsure", why) for i in numbers)
+    return {"/seismic": columns} if columns else {}
 
 
 _COUNTER_WORD = re.compile(
@@ -384,8 +384,8 @@ def guess_counter(
     numbers
         The columns of numbers besides the time, by index.
     """
-    found = [_counter(table, i, column) for i, column in numbers.items()]
-    candidates = [g for g in found if g is not None]
+    guesses = [_counter(table, i, column) for i, column in numbers.items()]
+    candidates = [g for g in guesses if g is not None]
     order = ["sure", "likely"]
     return min(candidates, key=lambda g: (order.index(g.sureness), g.column), default=None)
 
@@ -477,10 +477,10 @@ def read_raw(path: Path) -> RawTable:
     text, encoding = _text(data)
     if len(data) > _HEAD:  # the last line is not whole
         text = text.rpartition("\n")[0]
-    found = [t for d in _DELIMITERS if (t := _split(text, d, encoding)) is not None]
-    if not found:
+    tables = [t for d in _DELIMITERS if (t := _split(text, d, encoding)) is not None]
+    if not tables:
         raise FormatError(f"{path.name}: expected rows of numbers, found none")
-    return max(found, key=lambda t: (len(t.rows) * t.width, -_DELIMITERS.index(t.delimiter)))
+    return max(tables, key=lambda t: (len(t.rows) * t.width, -_DELIMITERS.index(t.delimiter)))
 
 
 def _text(data: bytes) -> tuple[str, str]:
@@ -564,9 +564,9 @@ class GuessedTime(NamedTuple):
 
 def guess_time(table: RawTable, numbers: Mapping[int, NDArray[np.float64]]) -> GuessedTime | None:
     """Return the column that is most likely the time, None where none goes on and on."""
-    found = [_iso(table, i) for i in range(table.width) if i not in numbers]
-    found += [_numeric(table, i, column) for i, column in numbers.items()]
-    candidates = [g for g in found if g is not None]
+    guesses = [_iso(table, i) for i in range(table.width) if i not in numbers]
+    guesses += [_numeric(table, i, column) for i, column in numbers.items()]
+    candidates = [g for g in guesses if g is not None]
     order = ["sure", "likely", "unsure"]
     return min(candidates, key=lambda g: (order.index(g.sureness), g.column), default=None)
 

@@ -103,8 +103,8 @@ def _sentence(message: str) -> str:
     what, _, where = message.partition(" - at `$")
     key = where.rstrip("`").removeprefix(".")
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
-        known = _TABLES.get(re.sub(r"\[\d*\]|\[\.\.\.\]", "", key))
-        names = [] if known is None else [n for n in known.__struct_fields__ if n != "file"]
+        table = _TABLES.get(re.sub(r"\[\d*\]|\[\.\.\.\]", "", key))
+        names = [] if table is None else [n for n in table.__struct_fields__ if n != "file"]
         return (
             f"{_join(key, unknown[1])}: expected a known key, found an unknown one"
             f"{did_you_mean(unknown[1], names)}"
@@ -114,8 +114,8 @@ def _sentence(message: str) -> str:
     if wrong := re.fullmatch(r"Expected `(.*)`, got `(.*)`", what):
         return f"{key}: expected {wrong[1]}, found {wrong[2]}"
     if value := re.fullmatch(r"Invalid enum value '?(.*?)'?", what):
-        said, choices = _CHOICES.get(key.rpartition(".")[2], ("another value", ()))
-        return f"{key}: expected {said}, found {value[1]!r}{did_you_mean(value[1], choices)}"
+        expected, choices = _CHOICES.get(key.rpartition(".")[2], ("another value", ()))
+        return f"{key}: expected {expected}, found {value[1]!r}{did_you_mean(value[1], choices)}"
     return f"{key or 'map'}: expected a map, found: {what}"
 
 
@@ -165,44 +165,44 @@ def _check(map_: ImportMap) -> None:
         zone_of(map_.zone, f"{map_.file}: zone")
     topics = [s.topic for s in map_.stream]
     for i, stream in enumerate(map_.stream):
-        place = f"{map_.file}: stream[{i}]"
+        where = f"{map_.file}: stream[{i}]"
         if not stream.topic.startswith("/") or topics.count(stream.topic) > 1:
             raise SchemaError(
-                f"{place}.topic: expected a name of its own that starts with /, "
+                f"{where}.topic: expected a name of its own that starts with /, "
                 f"found {stream.topic!r}"
             )
-        _check_stream(map_, stream, place)
+        _check_stream(map_, stream, where)
     for i, truth in enumerate(map_.truth):
         _check_truth(truth, f"{map_.file}: truth[{i}]")
 
 
-def _check_stream(map_: ImportMap, stream: StreamMap, place: str) -> None:
+def _check_stream(map_: ImportMap, stream: StreamMap, where: str) -> None:
     if not stream.columns:
-        raise SchemaError(f"{place}.columns: expected at least one, found none")
+        raise SchemaError(f"{where}.columns: expected at least one, found none")
     for j, column in enumerate(stream.columns):
         try:
             to_quantity(column.quantity, column.unit)
         except SchemaError as error:
-            raise SchemaError(f"{place}.columns[{j}].{error}") from error
-    check_time(map_, stream, place)
+            raise SchemaError(f"{where}.columns[{j}].{error}") from error
+    check_time(map_, stream, where)
 
 
-def _check_truth(truth: TruthMap, place: str) -> None:
+def _check_truth(truth: TruthMap, where: str) -> None:
     if truth.kind not in TRUTH_KINDS:
         raise SchemaError(
-            f"{place}.kind: expected one of {', '.join(sorted(TRUTH_KINDS))}, found {truth.kind!r}"
+            f"{where}.kind: expected one of {', '.join(sorted(TRUTH_KINDS))}, found {truth.kind!r}"
             f"{did_you_mean(truth.kind, TRUTH_KINDS)}"
         )
     origins = (truth.time, truth.increments_of, truth.total_of)
     if sum(o is not None for o in origins) != 1:
         raise SchemaError(
-            f"{place}: expected one of time, increments_of and total_of, "
+            f"{where}: expected one of time, increments_of and total_of, "
             f"found {sum(o is not None for o in origins)}"
         )
     if truth.total_of is not None and truth.kind != "count":
-        raise SchemaError(f"{place}.kind: expected count with total_of, found {truth.kind!r}")
+        raise SchemaError(f"{where}.kind: expected count with total_of, found {truth.kind!r}")
     if truth.kind in ("walking", "ignore") and truth.end is None:
-        raise SchemaError(f"{place}.end: expected a path, as {truth.kind} is a span, found none")
+        raise SchemaError(f"{where}.end: expected a path, as {truth.kind} is a span, found none")
 
 
 #: Nanoseconds per unit of a time column.
@@ -259,8 +259,8 @@ class _Read:
 
     def shifted(self, by_ns: int) -> _Read:
         """Return the same stream ``by_ns`` later."""
-        own = self.row_times_ns
-        later = Computed(len(own), lambda rows: own[rows] + by_ns)
+        times_ns = self.row_times_ns
+        later = Computed(len(times_ns), lambda rows: times_ns[rows] + by_ns)
         return replace(self, timing=self.timing.shifted(by_ns), row_times_ns=later)
 
 
@@ -272,9 +272,9 @@ def import_tables(tables: Sequence[Table], map_: ImportMap) -> Imported:
     SchemaError
         Where a table does not have what the map names.
     """
-    found = [import_table(table, map_) for table in tables]
+    imports = [import_table(table, map_) for table in tables]
     return one_recording(
-        found, [table.name for table in tables], continuous=map_.files == "continuous"
+        imports, [table.name for table in tables], continuous=map_.files == "continuous"
     )
 
 
@@ -354,30 +354,30 @@ _WHOLE = ("i16le", "i32le")
 
 def _common_format(names: Iterable[str]) -> str:
     """Return the smallest format that keeps what is exact in each of some."""
-    found = set(names)
-    if len(found) == 1:
-        return found.pop()
-    if found == set(_WHOLE):
+    formats = set(names)
+    if len(formats) == 1:
+        return formats.pop()
+    if formats == set(_WHOLE):
         return _WHOLE[-1]
-    return "f32le" if found == {_WHOLE[0], "f32le"} else "f64le"
+    return "f32le" if formats == {_WHOLE[0], "f32le"} else "f64le"
 
 
 def _start_ns(table: Table, map_: ImportMap) -> int:
     start = map_.start
-    place = f"{map_.file}: start"
+    where = f"{map_.file}: start"
     if start is None:
         return 0
     if not isinstance(start, str | float | int):
-        found = np.atleast_1d(table.groups(start.column)[0]).ravel()
-        place = f"{table.name}: {start.column}"
-        start = found[0] if found.size else ""
+        cells = np.atleast_1d(table.groups(start.column)[0]).ravel()
+        where = f"{table.name}: {start.column}"
+        start = cells[0] if cells.size else ""
         if not isinstance(start, str | float | int | np.number):
-            raise SchemaError(f"{place}: expected ISO 8601 or unix seconds, found others")
+            raise SchemaError(f"{where}: expected ISO 8601 or unix seconds, found others")
         start = str(start) if isinstance(start, str) else float(start)
     if isinstance(start, str):
-        return parse_start(start, place, map_.zone)
+        return parse_start(start, where, map_.zone)
     if not 0 <= start < 9e9:
-        raise SchemaError(f"{place}: expected unix seconds, found {start}")
+        raise SchemaError(f"{where}: expected unix seconds, found {start}")
     return round(start * NS_PER_S)
 
 
@@ -390,8 +390,8 @@ def _read_stream(table: Table, map_: ImportMap, stream: StreamMap) -> _Read:
         )
     count = lengths[0]
     samples = stacked(columns)
-    own = stream.time is not None or stream.rate_hz is not None
-    time, rate_hz = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
+    stream_has_time = stream.time is not None or stream.rate_hz is not None
+    time, rate_hz = (stream.time, stream.rate_hz) if stream_has_time else (map_.time, map_.rate_hz)
     times_ns: Column | None = None
     warnings: list[str] = []
     if time is not None:
@@ -416,47 +416,47 @@ def _by_counter(
     warnings: list[str],
 ) -> _Read:
     """Return a stream whose device counts its samples; counts and times are held in memory."""
-    place = f"{table.name}: {stream.topic}: {counter.column}"
+    where = f"{table.name}: {stream.topic}: {counter.column}"
     values = table.numbers(counter.column)[:]
     if len(values) != len(samples):
-        raise SchemaError(f"{place}: expected {len(samples)} counts, found {len(values)}")
+        raise SchemaError(f"{where}: expected {len(samples)} counts, found {len(values)}")
     host_ns = None if clock[0] is None else clock[0][:]
-    found = time_columns.count(values, counter.modulus, host_ns, place)
-    timing, text = time_columns.timed(found, host_ns, clock[1], place)
-    rows = Timing(timing.rate_hz, timing.anchor_ns, found.of_row, None)
-    if found.resets:
+    counted = time_columns.count(values, counter.modulus, host_ns, where)
+    timing, text = time_columns.timed(counted, host_ns, clock[1], where)
+    rows = Timing(timing.rate_hz, timing.anchor_ns, counted.of_row, None)
+    if counted.resets:
         warnings.append(
-            f"{stream.topic}: the counter began again {found.resets} times: what was lost there is "
-            + ("told by the times only" if host_ns is not None else "not known")
+            f"{stream.topic}: the counter began again {counted.resets} times: what was lost there "
+            + ("is told by the times only" if host_ns is not None else "is not known")
         )
-    said = (f"counter {counter.column}: {found.line()}", text)
-    return _Read(stream, timing, picked(samples, found.rows), rows, tuple(warnings), said)
+    remarks = (f"counter {counter.column}: {counted.line()}", text)
+    return _Read(stream, timing, picked(samples, counted.rows), rows, tuple(warnings), remarks)
 
 
 def _times(
     table: Table, map_: ImportMap, topic: str, time: TimeMap, count: int
 ) -> tuple[Column, list[str]]:
     """Return the times of so many rows [ns], and what is to be said of them."""
-    place = f"{table.name}: {topic}: {time.column}"
+    where = f"{table.name}: {topic}: {time.column}"
     remarks: list[str] = []
     times_ns: Column
     if time.unit == "iso":
-        where = f"{table.name}: {time.column}"
-        times_ns, remarks = timestamps(table.texts(time.column), where, map_.zone)
+        column_where = f"{table.name}: {time.column}"
+        times_ns, remarks = timestamps(table.texts(time.column), column_where, map_.zone)
     else:
         times_ns = table.times_ns(time)
     if time.wraps is not None and time.unit != "iso":
         period_ns = time.wraps * TIME_UNITS_NS[time.unit]
         times_ns, turns = time_columns.times_going_on(times_ns[:], period_ns)
         if turns:
-            remarks.append(f"{place}: the clock began again {turns} times: taken to go on")
+            remarks.append(f"{where}: the clock began again {turns} times: taken to go on")
     if len(times_ns) != count:
-        raise SchemaError(f"{place}: expected {count} times, found {len(times_ns)}")
+        raise SchemaError(f"{where}: expected {count} times, found {len(times_ns)}")
     back = [] if time.even else base.steps_back(times_ns)
     on_ns = base.without_set_backs(times_ns, back)
     forward = any((step > 0).any() for step in steps(times_ns))
     if count < 2 or not forward or on_ns[count - 1 :][0] <= on_ns[:1][0]:
-        raise SchemaError(f"{place}: expected times that go on, found {count} that do not")
+        raise SchemaError(f"{where}: expected times that go on, found {count} that do not")
     return times_ns, remarks
 
 
@@ -533,9 +533,9 @@ class Sampled:
     times_ns: NDArray[np.int64]
     values: Column
 
-    def only(self, kept: NDArray[np.intp]) -> Sampled:
+    def only(self, rows: NDArray[np.intp]) -> Sampled:
         """Return some of the samples, by their numbers, in that order."""
-        return replace(self, times_ns=self.times_ns[kept], values=picked(self.values, kept))
+        return replace(self, times_ns=self.times_ns[rows], values=picked(self.values, rows))
 
 
 def in_order(sampled: Sampled) -> tuple[Sampled, tuple[str, ...]]:
@@ -572,14 +572,14 @@ def _copies(values: Column, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
     copies = np.zeros(len(same), np.bool_)
     for rows in pieces(len(same)):
         if same[rows].any():
-            found = values[max(0, rows.start - 1) : rows.stop]
-            alike = (found[1:] == found[:-1]) | (np.isnan(found[1:]) & np.isnan(found[:-1]))
-            copies[rows.stop - len(alike) : rows.stop] = alike.all(axis=1)
+            block = values[max(0, rows.start - 1) : rows.stop]
+            equal = (block[1:] == block[:-1]) | (np.isnan(block[1:]) & np.isnan(block[:-1]))
+            copies[rows.stop - len(equal) : rows.stop] = equal.all(axis=1)
     return copies & same
 
 
 def together(
-    found: Sequence[Sampled],
+    streams: Sequence[Sampled],
     *,
     geometry: Geometry | None = None,
     labels: tuple[Label, ...] = (),
@@ -589,7 +589,7 @@ def together(
 
     Parameters
     ----------
-    found
+    streams
         At least one stream, each with at least one sample.
     geometry, labels, warnings
         As in :class:`~.base.Imported`.
@@ -599,10 +599,10 @@ def together(
     FormatError
         Where a time is out of the range of times.
     """
-    for each in found:
+    for each in streams:
         if np.abs(each.times_ns).max() > MAX_NS:
             raise FormatError(f"{each.topic}: expected times within 146 years, found others")
-    ordered = [in_order(each) for each in found]
+    ordered = [in_order(each) for each in streams]
     remarks = [line for _, lines in ordered for line in lines]
     earliest = min(int(each.times_ns.min()) for each, _ in ordered)
     shift_ns = max(0, -earliest)
@@ -658,9 +658,9 @@ def orientation_labels(reference: Reference, map_: OrientationMap) -> list[Label
     """
     times = reference.sample_times_ns[:]
     q = _matrix(reference, map_.quaternion, len(times), 4)
-    known = np.asarray(np.isfinite(q).all(axis=1))
-    labels = list(_headings(times, q, known, map_))
-    labels += [Label(a, "ignore", b, note="no reference") for a, b in _spans(times, ~known)]
+    valid = np.asarray(np.isfinite(q).all(axis=1))
+    labels = list(_headings(times, q, valid, map_))
+    labels += [Label(a, "ignore", b, note="no reference") for a, b in _spans(times, ~valid)]
     if map_.field is not None:
         _, factor = to_quantity("magnetic_field", map_.field_unit)
         field = _matrix(reference, map_.field, len(times), 3) * factor / MICROTESLA
@@ -669,16 +669,16 @@ def orientation_labels(reference: Reference, map_: OrientationMap) -> list[Label
 
 
 def _matrix(reference: Reference, path: str, rows: int, columns: int) -> Array:
-    found = np.asarray(reference.groups(path)[0], np.float64)
-    if found.shape != (rows, columns):
+    matrix = np.asarray(reference.groups(path)[0], np.float64)
+    if matrix.shape != (rows, columns):
         raise SchemaError(
-            f"{reference.name}: {path}: expected {rows} rows of {columns}, found {found.shape}"
+            f"{reference.name}: {path}: expected {rows} rows of {columns}, found {matrix.shape}"
         )
-    return found
+    return matrix
 
 
 def _headings(
-    times: NDArray[np.int64], q: Array, known: NDArray[np.bool_], map_: OrientationMap
+    times: NDArray[np.int64], q: Array, valid: NDArray[np.bool_], map_: OrientationMap
 ) -> Iterator[Label]:
     """Yield headings at even distances, none where the axis is too steep."""
     unit = np.eye(3)["xyz".index(map_.axis[-1])] * (-1 if map_.axis[0] == "-" else 1)
@@ -686,7 +686,7 @@ def _headings(
     rows = np.unique(np.searchsorted(times, np.arange(times[0], times[-1] + 1, every_ns)))
     rows = rows[(rows < len(times))]
     pointing = turned(q[rows], np.broadcast_to(unit, (len(rows), 3)))
-    usable = known[rows] & (np.abs(pointing[:, 2]) <= np.sin(np.radians(map_.steepest_deg)))
+    usable = valid[rows] & (np.abs(pointing[:, 2]) <= np.sin(np.radians(map_.steepest_deg)))
     heading = np.arctan2(pointing[:, 1], pointing[:, 0])
     for row, angle in zip(rows[usable].tolist(), heading[usable].tolist(), strict=True):
         yield Label(int(times[row]), "heading", value=angle)
@@ -726,13 +726,13 @@ def _unrest(earth: Array) -> float:
 
 def _averaged(values: Array, width: int) -> Array:
     """Return centred means over ``width`` rows, of those that are known."""
-    known = np.isfinite(values)
+    valid = np.isfinite(values)
     ones = np.ones(width)
-    sums = [np.convolve(c, ones, "same") for c in np.where(known, values, 0.0).T]
-    counts = np.convolve(known[:, 0], ones, "same")
+    sums = [np.convolve(c, ones, "same") for c in np.where(valid, values, 0.0).T]
+    counts = np.convolve(valid[:, 0], ones, "same")
     with np.errstate(invalid="ignore", divide="ignore"):
         means = np.stack(sums, axis=1) / counts[:, None]
-    return np.where(known, means, np.nan)
+    return np.where(valid, means, np.nan)
 
 
 def _rows(true: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -801,8 +801,8 @@ def references(
             labels += _total(reference, truth)
         else:
             for bout in _bouts(reference, truth):
-                found, remarks = _rules(bout, truth, reference)
-                labels += found
+                events, remarks = _rules(bout, truth, reference)
+                labels += events
                 warnings += remarks
     return tuple(sorted(labels, key=lambda label: (label.time_ns, label.kind))), tuple(warnings)
 
@@ -811,14 +811,14 @@ def _increments(reference: Reference, truth: TruthMap) -> list[Label]:
     """Return one event for each unit a running count grows by, at the row where it does."""
     assert truth.increments_of is not None
     counts = reference.numbers(truth.increments_of)[:]
-    known = np.flatnonzero(np.isfinite(counts))
-    if len(counts) != len(reference.sample_times_ns) or not known.size:
+    filled = np.flatnonzero(np.isfinite(counts))
+    if len(counts) != len(reference.sample_times_ns) or not filled.size:
         raise SchemaError(
             f"{reference.name}: {truth.increments_of}: expected a count in the rows of the first "
             f"stream, found {len(counts)} cells"
         )
-    grown = np.diff(counts[known])
-    rows = np.repeat(known[1:], np.maximum(grown, 0).astype(np.int64))
+    grown = np.diff(counts[filled])
+    rows = np.repeat(filled[1:], np.maximum(grown, 0).astype(np.int64))
     return [Label(int(t), truth.kind) for t in reference.sample_times_ns[:][rows]]
 
 
@@ -826,14 +826,14 @@ def _total(reference: Reference, truth: TruthMap) -> list[Label]:
     """Return the count over the whole recording, its end one period after the last sample."""
     assert truth.total_of is not None
     cells = reference.numbers(truth.total_of)[:]
-    found = cells[np.isfinite(cells)]
-    if found.size != 1:
+    filled = cells[np.isfinite(cells)]
+    if filled.size != 1:
         raise SchemaError(
-            f"{reference.name}: {truth.total_of}: expected one filled cell, found {found.size}"
+            f"{reference.name}: {truth.total_of}: expected one filled cell, found {filled.size}"
         )
     times = reference.sample_times_ns[:]
     end_ns = int(times.max()) + int(np.median(np.diff(times)))
-    return [Label(int(times.min()), truth.kind, end_ns, value=float(found[0]))]
+    return [Label(int(times.min()), truth.kind, end_ns, value=float(filled[0]))]
 
 
 def _bouts(reference: Reference, truth: TruthMap) -> list[list[Label | None]]:
@@ -919,7 +919,7 @@ def _rules(
     """Return a bout's events after merging, with ``ignore`` where one is known to be missing."""
     if truth.missing == "error" and None in bout:
         raise SchemaError(f"{reference.name}: {truth.time}: expected times, found NaN")
-    kept: list[Label] = []
+    merged: list[Label] = []
     ignored: list[Label] = []
     warnings: list[str] = []
     missing = False
@@ -927,17 +927,17 @@ def _rules(
         if event is None:
             missing = True
             continue
-        last = kept[-1] if kept else None
+        last = merged[-1] if merged else None
         if last is not None and _near(last, event, truth):
-            kept[-1], warning = _merge(last, event, reference)
+            merged[-1], warning = _merge(last, event, reference)
             warnings.append(warning)
             continue
         if last is not None and (missing or _same_foot(last, event, truth)):
             why = "no time for a contact" if missing else f"two contacts {event.label} in a row"
             ignored += _ignore(last, event, truth, why)
         missing = False
-        kept.append(event)
-    return kept + ignored, warnings + [_told(label, reference) for label in ignored]
+        merged.append(event)
+    return merged + ignored, warnings + [_told(label, reference) for label in ignored]
 
 
 def _near(last: Label, event: Label, truth: TruthMap) -> bool:
@@ -975,7 +975,7 @@ def _told(label: Label, reference: Reference) -> str:
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[([^\[\]]*)\]")
 
 
-def evaluate(root: Any, path: str, place: str) -> list[Any]:
+def evaluate(root: Any, path: str, where: str) -> list[Any]:
     """Return what ``path`` leads to, one entry for each element of its ``[*]``.
 
     Parameters
@@ -984,7 +984,7 @@ def evaluate(root: Any, path: str, place: str) -> list[Any]:
         Nested mappings and arrays.
     path
         As the module describes.
-    place
+    where
         Start of error messages.
 
     Raises
@@ -992,26 +992,26 @@ def evaluate(root: Any, path: str, place: str) -> list[Any]:
     SchemaError
         Where the path is no path or leads nowhere; names the step that failed.
     """
-    found: list[Any] = [root]
+    entries: list[Any] = [root]
     position = 0
     while position < len(path):
         step = _STEP.match(path, position)
         if step is None:
             raise SchemaError(
-                f"{place}: {path}: expected a name or [index] at {path[position:]!r}, found neither"
+                f"{where}: {path}: expected a name or [index] at {path[position:]!r}, found neither"
             )
-        taken = f"{place}: {path[: step.end()]}"
+        taken = f"{where}: {path[: step.end()]}"
         if step[1] is not None:
-            found = [_member(value, step[1], taken) for value in found]
+            entries = [_member(value, step[1], taken) for value in entries]
         elif step[2] == "*":
-            found = [element for value in found for element in np.atleast_1d(value)]
+            entries = [element for value in entries for element in np.atleast_1d(value)]
         else:
-            found = [_indexed(value, step[2], taken) for value in found]
+            entries = [_indexed(value, step[2], taken) for value in entries]
         position = step.end()
-    return found
+    return entries
 
 
-def column(root: Any, path: str, place: str) -> Column:
+def column(root: Any, path: str, where: str) -> Column:
     """Return the numbers ``path`` leads to as one column of n rows, float64.
 
     Raises
@@ -1019,45 +1019,45 @@ def column(root: Any, path: str, place: str) -> Column:
     SchemaError
         Where the path leads to something else than one vector of numbers.
     """
-    found = evaluate(root, path, place)
-    if len(found) == 1 and isinstance(found[0], StoredArray):
-        stored = found[0].column()
+    entries = evaluate(root, path, where)
+    if len(entries) == 1 and isinstance(entries[0], StoredArray):
+        stored = entries[0].column()
         if stored is None or stored.of.dtype.kind not in "biuf":
             raise SchemaError(
-                f"{place}: {path}: expected one column of numbers, found {found[0].dtype} of shape "
-                f"{found[0].shape}"
+                f"{where}: {path}: expected one column of numbers, found {entries[0].dtype} of "
+                f"shape {entries[0].shape}"
             )
         return Computed(len(stored), lambda rows: stored[rows].astype(np.float64))
     try:
-        values = np.squeeze(np.asarray(found[0] if len(found) == 1 else found))
+        values = np.squeeze(np.asarray(entries[0] if len(entries) == 1 else entries))
         if values.ndim > 1 or np.iscomplexobj(values):
             raise SchemaError(
-                f"{place}: {path}: expected one column of numbers, found shape {values.shape}"
+                f"{where}: {path}: expected one column of numbers, found shape {values.shape}"
             )
         return np.atleast_1d(values).astype(np.float64)
     except (ValueError, TypeError) as error:
-        raise SchemaError(f"{place}: {path}: expected numbers, found: {error}") from error
+        raise SchemaError(f"{where}: {path}: expected numbers, found: {error}") from error
 
 
-def _member(value: Any, name: str, place: str) -> Any:
+def _member(value: Any, name: str, where: str) -> Any:
     """Return a field of a mapping or struct."""
     fields = value if isinstance(value, Mapping) else {}
     if name not in fields:
         names = sorted(n for n in fields if not n.startswith("_"))
-        raise SchemaError(f"{place}: expected one of {', '.join(names) or 'no names'}, found none")
+        raise SchemaError(f"{where}: expected one of {', '.join(names) or 'no names'}, found none")
     return fields[name]
 
 
-def _indexed(value: Any, text: str, place: str) -> Any:
+def _indexed(value: Any, text: str, where: str) -> Any:
     """Return an element or column of an array; the text holds integers and ``:``."""
     parts = [p.strip() for p in text.split(",")]
     if not all(p == ":" or re.fullmatch(r"-?\d+", p) for p in parts):
-        raise SchemaError(f"{place}: expected [*], [i] or [:,j], found [{text}]")
+        raise SchemaError(f"{where}: expected [*], [i] or [:,j], found [{text}]")
     index = tuple(slice(None) if p == ":" else int(p) for p in parts)
     try:
         return value.at(index) if isinstance(value, StoredArray) else np.atleast_1d(value)[index]
     except IndexError as error:
-        raise SchemaError(f"{place}: expected an index inside the array, found: {error}") from error
+        raise SchemaError(f"{where}: expected an index inside the array, found: {error}") from error
 
 
 #: Time without samples between two files that are laid end to end [s].
@@ -1137,13 +1137,13 @@ def lay_out(parts: Sequence[Part], what: str, gap_s: float = GAP_S) -> Laid:
 
 
 def one_recording(
-    found: Sequence[Imported], names: Sequence[str], *, continuous: bool = False
+    imports: Sequence[Imported], names: Sequence[str], *, continuous: bool = False
 ) -> Imported:
     """Return what several files of one map hold as one recording, each with its labels.
 
     Parameters
     ----------
-    found
+    imports
         What each file holds: the same topics and channels.
     names
         Of the files.
@@ -1155,19 +1155,19 @@ def one_recording(
     SchemaError
         Where the files differ in rate so much that one of them is no recording of the same device.
     """
-    if len(found) == 1:
-        return found[0]
+    if len(imports) == 1:
+        return imports[0]
     parts = [
         Part(name, each.start_ns, max(b.end_ns for _, _, blocks in each.sources for b in blocks))
-        for name, each in zip(names, found, strict=True)
+        for name, each in zip(names, imports, strict=True)
     ]
     laid = lay_out(parts, "files", 0.0 if continuous else GAP_S)
     shifts = [
         start - parts[i].start_ns for i, start in zip(laid.order, laid.starts_ns, strict=True)
     ]
     sources: list[Source] = []
-    for at in range(len(found[0].sources)):
-        read = [found[i].sources[at] for i in laid.order]
+    for at in range(len(imports[0].sources)):
+        read = [imports[i].sources[at] for i in laid.order]
         stream = _common([s for s, _, _ in read], [names[i] for i in laid.order])
         form = _common_format(name for _, name, _ in read)
         moved = _Moved([b for _, _, b in read], shifts, stream, form, laid.starts_ns[0])
@@ -1178,11 +1178,11 @@ def one_recording(
         labels=tuple(
             label.later(by_ns)
             for i, by_ns in zip(laid.order, shifts, strict=True)
-            for label in found[i].labels
+            for label in imports[i].labels
         ),
-        metadata=_records(found, names),
-        warnings=tuple(dict.fromkeys(w for each in found for w in each.warnings)),
-        remarks=(laid.note, *dict.fromkeys(r for each in found for r in each.remarks)),
+        metadata=_records(imports, names),
+        warnings=tuple(dict.fromkeys(w for each in imports for w in each.warnings)),
+        remarks=(laid.note, *dict.fromkeys(r for each in imports for r in each.remarks)),
         files=tuple((names[i], start) for i, start in zip(laid.order, laid.starts_ns, strict=True)),
     )
 
@@ -1233,13 +1233,13 @@ def _common(streams: Sequence[Stream], names: Sequence[str]) -> Stream:
     return replace(first, rate_hz=rate_hz, irregular=True)
 
 
-def _records(found: Sequence[Imported], names: Sequence[str]) -> dict[str, dict[str, str]]:
+def _records(imports: Sequence[Imported], names: Sequence[str]) -> dict[str, dict[str, str]]:
     """Return the metadata of all files; of several with one key, each says its file."""
     records: dict[str, dict[str, str]] = {}
-    for each, name in zip(found, names, strict=True):
+    for each, name in zip(imports, names, strict=True):
         for record, pairs in each.metadata.items():
-            kept = records.setdefault(record, {})
+            merged = records.setdefault(record, {})
             for key, text in pairs.items():
                 line = f"{name}: {text}"
-                kept[key] = f"{kept[key]}; {line}" if key in kept else line
+                merged[key] = f"{merged[key]}; {line}" if key in merged else line
     return records

@@ -101,13 +101,13 @@ class PhoneImporter:
                     f"{paths[0].name}: expected CSV tables of Sensor Logger or phyphox, "
                     f"found {len(files)} tables of neither"
                 )
-            found = read(files)
-        if not found.sampled:
+            content = read(files)
+        if not content.sampled:
             raise FormatError(
                 f"{paths[0].name}: expected acceleration, rotation, magnetic field, pressure or "
                 f"places, found none"
             )
-        return together(found.sampled, labels=found.labels, warnings=found.warnings)
+        return together(content.sampled, labels=content.labels, warnings=content.warnings)
 
 
 def _app(files: Sequence[AppFile]) -> Callable[[Sequence[AppFile]], Found] | None:
@@ -128,16 +128,16 @@ def _files(paths: Sequence[Path]) -> Iterator[list[AppFile]]:
     """Yield the tables meant: those given, inside archives, and what lies beside and says more."""
     opened: list[zipfile.ZipFile] = []
     try:
-        found: dict[str, TextFile] = {}
+        tables: dict[str, TextFile] = {}
         for path in paths:
             if path.suffix.lower() == ".zip":
                 opened.append(zipfile.ZipFile(path))
-                found |= _inside(opened[-1])
+                tables |= _inside(opened[-1])
                 continue
-            found[path.name] = path
+            tables[path.name] = path
             beside = (path.parent / name for name in _BESIDE)
-            found |= {p.name: p for p in beside if p.is_file()}
-        yield [_look(file) for file in found.values()]
+            tables |= {p.name: p for p in beside if p.is_file()}
+        yield [_look(file) for file in tables.values()]
     except _DAMAGE as error:
         text = " ".join(str(error).split()) or type(error).__name__
         raise FormatError(f"{paths[0].name}: expected a whole archive, found: {text}") from error
@@ -293,11 +293,11 @@ def sampled(
         Channel(_name(c), c.quantity, si, c.axis)
         for c, (si, _) in zip(columns, factors, strict=True)
     )
-    found = Sampled(topic, PLACEMENT, channels, times, values)
+    stream = Sampled(topic, PLACEMENT, channels, times, values)
     there = np.concatenate([~np.isnan(values[rows]).all(axis=1) for rows in pieces(len(times))])
     if there.all():
-        return found
-    return found.only(np.flatnonzero(there)) if there.any() else None
+        return stream
+    return stream.only(np.flatnonzero(there)) if there.any() else None
 
 
 def _name(column: Wanted) -> str:
@@ -364,19 +364,19 @@ def read_phyphox(files: Sequence[AppFile]) -> Found:
         Where a table does not hold what it should, or two hold the same.
     """
     pieces = [p for file in files if is_clock(file) for p in _pieces(file)]
-    found: dict[str, Sampled] = {}
+    streams: dict[str, Sampled] = {}
     for file in (f for f in files if is_phyphox_table(f)):
         for topic, columns in _groups(file).items():
             read_ = sampled(file, topic, columns, file.header[0], "s")
             if read_ is None:
                 continue
-            if topic in found:
+            if topic in streams:
                 raise SchemaError(f"{file.name}: {topic}: expected one table of it, found two")
-            found[topic] = _on_calendar(read_, pieces)
+            streams[topic] = _on_calendar(read_, pieces)
     warnings = [] if pieces else ["no meta/time.csv: times count from the start of the experiment"]
-    if f"/acc_linear/{PLACEMENT}" in found and f"/acc/{PLACEMENT}" not in found:
+    if f"/acc_linear/{PLACEMENT}" in streams and f"/acc/{PLACEMENT}" not in streams:
         warnings.append("the acceleration is without gravity, and nothing else has it")
-    return Found(tuple(found.values()), (), tuple(warnings))
+    return Found(tuple(streams.values()), (), tuple(warnings))
 
 
 def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
@@ -386,9 +386,9 @@ def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
         match = _COLUMN.fullmatch(cell)
         if match is None:
             continue
-        place = _place(cell, match["words"])
-        if place is not None:
-            groups.setdefault(f"/fix/{PLACEMENT}", []).append(place)
+        coordinate = _place(cell, match["words"])
+        if coordinate is not None:
+            groups.setdefault(f"/fix/{PLACEMENT}", []).append(coordinate)
             continue
         quantity, unit = _UNITS.get(match["unit"], ("", ""))
         axis = _AXIS[(match["axis"] or "").lower()] if quantity in _VECTORS else ""
@@ -438,14 +438,14 @@ def _pieces(file: AppFile) -> list[Piece]:
     return sorted(pieces)
 
 
-def _on_calendar(found: Sampled, pieces: Sequence[Piece]) -> Sampled:
+def _on_calendar(stream: Sampled, pieces: Sequence[Piece]) -> Sampled:
     """Return the samples at their times on the calendar, a pause being a gap."""
     if not pieces:
-        return found
+        return stream
     starts: NDArray[np.int64] = np.array([p.start_ns for p in pieces], np.int64)
     offsets: NDArray[np.int64] = np.array([p.offset_ns for p in pieces], np.int64)
-    which = np.maximum(np.searchsorted(starts, found.times_ns, side="right") - 1, 0)
-    return replace(found, times_ns=found.times_ns + offsets[which])
+    which = np.maximum(np.searchsorted(starts, stream.times_ns, side="right") - 1, 0)
+    return replace(stream, times_ns=stream.times_ns + offsets[which])
 
 
 #: Tables of each stream that is one sensor, best first, with what their columns are.
@@ -493,15 +493,15 @@ def read_sensor_logger(files: Sequence[AppFile]) -> Found:
     """
     tables = {f.stem: f for f in files if is_sensor_logger_table(f)}
     sign, warnings = _sign([f for f in files if is_metadata(f)])
-    found = [_single(tables, q, *_AXES[q]) for q in _AXES]
-    found.append(_columns(tables, "Barometer", (Wanted("pressure", "pressure", "mbar"),)))
-    found.append(_columns(tables, "Location", _SENSOR_LOGGER_FIX))
+    streams = [_single(tables, q, *_AXES[q]) for q in _AXES]
+    streams.append(_columns(tables, "Barometer", (Wanted("pressure", "pressure", "mbar"),)))
+    streams.append(_columns(tables, "Location", _SENSOR_LOGGER_FIX))
     acceleration, remarks = _acceleration(tables, sign)
     others = sorted(tables.keys() - _SENSORS - {"Annotation"})
     if others:
         remarks += (f"left alone: {', '.join(others)}",)
     return Found(
-        tuple(s for s in (acceleration, *found) if s is not None),
+        tuple(s for s in (acceleration, *streams) if s is not None),
         _notes(tables.get("Annotation")),
         (*warnings, *remarks),
     )
@@ -568,9 +568,9 @@ def _acceleration(
     return _turned(bare, sign), ("Accelerometer.csv is without gravity, and nothing else has it",)
 
 
-def _turned(found: Sampled, sign: float) -> Sampled:
-    values = found.values
-    return replace(found, values=Computed(len(values), lambda rows: values[rows] * sign))
+def _turned(stream: Sampled, sign: float) -> Sampled:
+    values = stream.values
+    return replace(stream, values=Computed(len(values), lambda rows: values[rows] * sign))
 
 
 def _notes(file: AppFile | None) -> tuple[Label, ...]:
@@ -618,12 +618,12 @@ class IndoorLocationImporter:
         path = paths[0]
         if map_ is not None or len(paths) != 1:
             raise SchemaError(f"{path.name}: expected one trace and no map, found others")
-        found = {kind: _Rows(count) for kind, count in _VALUES.items()}
+        readings = {kind: _Rows(count) for kind, count in _VALUES.items()}
         for kind, time_ns, values in _rows(path):
-            found[kind].add(time_ns, values)
-        if len(found["TYPE_ACCELEROMETER"]) < 2:
+            readings[kind].add(time_ns, values)
+        if len(readings["TYPE_ACCELEROMETER"]) < 2:
             raise FormatError(f"{path.name}: expected TYPE_ACCELEROMETER lines, found none")
-        points = found.pop(WAYPOINT).columns()
+        points = readings.pop(WAYPOINT).columns()
         moments = points[0].tolist(), points[1][:].tolist()
         labels = tuple(
             Label(time_ns, "waypoint", x_m=x, y_m=y)
@@ -632,7 +632,7 @@ class IndoorLocationImporter:
         first = [(label.x_m, label.y_m) for label in labels[:1]]
         start = next(((x, y) for x, y in first if x is not None and y is not None), None)
         return together(
-            [_sensor(path.name, kind, rows) for kind, rows in found.items() if len(rows) > 1],
+            [_sensor(path.name, kind, rows) for kind, rows in readings.items() if len(rows) > 1],
             geometry=None if start is None else Geometry(start=start),
             labels=labels,
         )

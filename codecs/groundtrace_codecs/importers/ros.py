@@ -83,28 +83,28 @@ class RosImporter:
         """
         if map_ is not None:
             raise SchemaError(f"{map_.file}: expected no map for a ROS bag, found one")
-        found = _Found()
+        content = _Found()
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             plain = [_unpacked(path, Path(folder)) for path in paths]
             mcaps = [p for p in plain if _known_suffix(p) == ".mcap"]
             for path in mcaps:
-                _read_mcap(path, found)
+                _read_mcap(path, content)
             apart = bool(mcaps) or plain != list(paths)
             if bags := _bags([p for p in plain if p not in mcaps], apart):
-                _read_bags(_by_suffix(bags, Path(folder)), found)
-        found.drop_no_positions()
-        if not found.samples:
-            others = ", ".join(sorted(found.others)) or "no messages"
+                _read_bags(_by_suffix(bags, Path(folder)), content)
+        content.drop_no_positions()
+        if not content.samples:
+            others = ", ".join(sorted(content.others)) or "no messages"
             raise FormatError(
                 f"{paths[0].name}: expected sensor_msgs Imu, MagneticField, FluidPressure, "
                 f"Temperature or NavSatFix, or a latitude and a longitude, found {others}"
             )
-        left = [f"left alone: {', '.join(sorted(found.others))}"] if found.others else []
+        left = [f"left alone: {', '.join(sorted(content.others))}"] if content.others else []
         return together(
-            [found.sampled(topic) for topic in found.samples],
-            geometry=found.geometry,
-            labels=tuple(found.labels),
-            warnings=(*left, *found.remarks),
+            [content.sampled(topic) for topic in content.samples],
+            geometry=content.geometry,
+            labels=tuple(content.labels),
+            warnings=(*left, *content.remarks),
         )
 
 
@@ -137,18 +137,18 @@ class _Found:
                 self.others.add(f"{topic} (latitude and longitude beyond 90 and 180 degrees)")
 
     def sampled(self, topic: str) -> Sampled:
-        found = self.samples[topic]
-        kept = list(range(len(found.stream.channels)))
-        if silent := found.silent():
+        samples = self.samples[topic]
+        columns = list(range(len(samples.stream.channels)))
+        if silent := samples.silent():
             self.remarks.append(f"{topic}: {silent} is zero throughout: left out")
-            kept = found.stream.columns_of(set(_IMU) - {silent})
-        values = found.values
+            columns = samples.stream.columns_of(set(_IMU) - {silent})
+        values = samples.values
         return Sampled(
             topic,
-            found.stream.placement,
-            found.stream.select(kept).channels,
-            np.concatenate(found.times_ns),
-            Computed(len(values), lambda rows: values[rows][:, kept]),
+            samples.stream.placement,
+            samples.stream.select(columns).channels,
+            np.concatenate(samples.times_ns),
+            Computed(len(values), lambda rows: values[rows][:, columns]),
         )
 
 
@@ -191,15 +191,15 @@ class _Topic:
         return silent[0] if len(silent) == 1 else ""
 
 
-def _read_mcap(path: Path, found: _Found) -> None:
+def _read_mcap(path: Path, content: _Found) -> None:
     """Read one MCAP file as any recording; damage is said, not fatal."""
     with Recording.open(path) as opened:
-        found.take(block for _, block in opened.blocks())
-        found.geometry = found.geometry or opened.geometry
-        found.labels += opened.labels
-        found.others |= {f"{o.topic} ({o.schema})" for o in opened.others}
-        found.remarks += opened.assumed
-        found.remarks += [f"{path.name}: damaged: {d.reason}" for d in opened.damage]
+        content.take(block for _, block in opened.blocks())
+        content.geometry = content.geometry or opened.geometry
+        content.labels += opened.labels
+        content.others |= {f"{o.topic} ({o.schema})" for o in opened.others}
+        content.remarks += opened.assumed
+        content.remarks += [f"{path.name}: damaged: {d.reason}" for d in opened.damage]
 
 
 def _unpacked(path: Path, folder: Path) -> Path:
@@ -248,11 +248,11 @@ def _by_suffix(bags: Sequence[Path], folder: Path) -> list[Path]:
     """Return bags by names that rosbags knows them by: it looks at the suffix alone."""
     named = []
     for number, path in enumerate(bags):
-        known = _known_suffix(path) if path.is_file() else ""
-        if known in ("", path.suffix):
+        suffix = _known_suffix(path) if path.is_file() else ""
+        if suffix in ("", path.suffix):
             named.append(path)
             continue
-        named.append(folder / f"{number}-{path.stem}{known}")
+        named.append(folder / f"{number}-{path.stem}{suffix}")
         _link(path.resolve(), named[-1])
     return named
 
@@ -266,7 +266,7 @@ def _link(path: Path, name: Path) -> None:
     shutil.copyfile(path, name)
 
 
-def _read_bags(paths: Sequence[Path], found: _Found) -> None:
+def _read_bags(paths: Sequence[Path], content: _Found) -> None:
     name = paths[0].name
     try:
         from rosbags.highlevel import AnyReader
@@ -276,16 +276,16 @@ def _read_bags(paths: Sequence[Path], found: _Found) -> None:
     try:
         with ExitStack() as stack:
             # bags of before Iron hold no definitions: those of the messages read never changed
-            known = get_typestore(Stores.ROS2_HUMBLE)
+            default_store = get_typestore(Stores.ROS2_HUMBLE)
             for path in paths:
                 _check_tables(path)
-            bag = stack.enter_context(AnyReader(list(paths), default_typestore=known))
+            bag = stack.enter_context(AnyReader(list(paths), default_typestore=default_store))
             _bound(bag, name)
             # CDR knows the header of ROS 2, without the seq of ROS 1
-            types = {**bag.typestore.fielddefs, _HEADER: known.fielddefs[_HEADER]}
+            types = {**bag.typestore.fielddefs, _HEADER: default_store.fielddefs[_HEADER]}
             store = get_typestore(Stores.EMPTY)
             store.register(types)
-            _read_bag(bag, store, name, found)
+            _read_bag(bag, store, name, content)
     except CodecError:
         raise
     except Exception as error:  # rosbags' readers raise whatever their parsers meet
@@ -297,8 +297,8 @@ def _check_tables(path: Path) -> None:
     """Refuse a bag in SQLite that computes what it holds: a view can have no end."""
     files = [path] if path.is_file() else sorted(path.glob("*.db3"))
     for file in (f for f in files if _known_suffix(f) == ".db3"):
-        place = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
-        with closing(sqlite3.connect(place, uri=True)) as bag:
+        uri = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
+        with closing(sqlite3.connect(uri, uri=True)) as bag:
             rows = bag.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
             for kind, table, sql in rows:
                 plain = kind in ("table", "index") and not _VIRTUAL.match(str(sql))
@@ -314,9 +314,9 @@ def _bound(bag: Any, name: str) -> None:
     """Let no compressed part of an open bag become more than it may hold."""
     for reader in bag.readers:
         chunks = getattr(reader, "chunks", {})
-        for place, chunk in chunks.items():
-            unpack = partial(_chunk, chunk.decompressor, f"{name}: byte {place}")
-            chunks[place] = chunk._replace(decompressor=unpack)
+        for offset, chunk in chunks.items():
+            unpack = partial(_chunk, chunk.decompressor, f"{name}: byte {offset}")
+            chunks[offset] = chunk._replace(decompressor=unpack)
         if getattr(reader, "compression_mode", None) == "message":
             packed = (row for part in reader.storage.storages for row in part.messages())
             for number, (_, _, data) in enumerate(packed):
@@ -327,21 +327,21 @@ def _bound(bag: Any, name: str) -> None:
                     )
 
 
-def _chunk(unpack: Callable[[bytes], bytes], place: str, data: bytes) -> bytes:
+def _chunk(unpack: Callable[[bytes], bytes], where: str, data: bytes) -> bytes:
     """Return what a chunk of a ROS 1 bag holds."""
     limit = most_unpacked(len(data))
     if unpack is bz2.decompress:
-        found = bz2.BZ2Decompressor().decompress(data, limit + 1)
+        content = bz2.BZ2Decompressor().decompress(data, limit + 1)
     elif unpack is lz4.frame.decompress:
-        found = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
+        content = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
     else:  # not compressed
-        found = unpack(data)
-    if len(found) > limit:
-        raise FormatError(f"{place}: {too_much(limit, len(data), len(found))} or more")
-    return found
+        content = unpack(data)
+    if len(content) > limit:
+        raise FormatError(f"{where}: {too_much(limit, len(data), len(content))} or more")
+    return content
 
 
-def _read_bag(bag: Any, store: Any, name: str, found: _Found) -> None:
+def _read_bag(bag: Any, store: Any, name: str, content: _Found) -> None:
     """Read every topic with a signal, in batches."""
     readers: dict[tuple[str, str], ChannelReader] = {}
     wanted = []
@@ -351,16 +351,16 @@ def _read_bag(bag: Any, store: Any, name: str, found: _Found) -> None:
         definition = parse_ros2msg(connection.msgtype, text)
         reader = nominal_reader(definition, connection.topic, f"{name}: {connection.topic}")
         if reader is None:
-            found.others.add(f"{connection.topic} ({connection.msgtype})")
+            content.others.add(f"{connection.topic} ({connection.msgtype})")
             continue
         readers[key] = reader
-        found.positions |= {s.topic: s for s in reader.streams if reader.assumed}.keys()
-        found.remarks += (x for x in reader.assumed if x not in found.remarks)
+        content.positions |= {s.topic: s for s in reader.streams if reader.assumed}.keys()
+        content.remarks += (x for x in reader.assumed if x not in content.remarks)
         wanted.append(connection)
     if not wanted:  # rosbags takes no connections for all of them
         return
     for key, messages in _batches(bag, store, wanted):
-        found.take(block for _, block in readers[key].blocks(MessageTable.of(messages)))
+        content.take(block for _, block in readers[key].blocks(MessageTable.of(messages)))
 
 
 def _batches(

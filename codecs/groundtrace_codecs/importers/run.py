@@ -133,8 +133,8 @@ def import_recording(
     states = [_state(file) for file in files]
     imported = _with_early_truth(_with_tables(importer.read(files, map_), geometry, truth))
     streams = [stream for stream, _, _ in imported.sources]
-    heard = None if listener is None else listener(streams)
-    counts = _Counts({}, 0, {}, len(streams), heard, strict, imported.start_ns, progress)
+    stream_listener = None if listener is None else listener(streams)
+    counts = _Counts({}, 0, {}, len(streams), stream_listener, strict, imported.start_ns, progress)
     counts.refuse([*left_out, *imported.warnings])
     write_recording(
         out,
@@ -157,10 +157,10 @@ def import_recording(
 def _state(file: Path) -> tuple[int, int]:
     """Return what changes where a file does: its size [bytes] and when it was written [ns]."""
     try:
-        found = file.stat()
+        status = file.stat()
     except OSError as error:
         raise SchemaError(f"{file}: expected a file to read, found: {error.strerror}") from error
-    return found.st_size, found.st_mtime_ns
+    return status.st_size, status.st_mtime_ns
 
 
 def _unchanged(
@@ -233,9 +233,9 @@ def _readable(
     """Return the files of a folder the importer knows, and a warning for each other."""
     if not folder:
         return files, ()
-    known = [f for f in files if importer.sniff(f) > 0] or files
+    readable = [f for f in files if importer.sniff(f) > 0] or files
     left_out = (f"{f.name}: left out: not known to {importer.name}" for f in files)
-    return known, tuple(w for w, f in zip(left_out, files, strict=True) if f not in known)
+    return readable, tuple(w for w, f in zip(left_out, files, strict=True) if f not in readable)
 
 
 def _with_tables(imported: Imported, geometry: Path | None, truth: Path | None) -> Imported:
@@ -245,8 +245,8 @@ def _with_tables(imported: Imported, geometry: Path | None, truth: Path | None) 
     if geometry is not None:
         given = Geometry.from_toml(geometry)
         warnings += _check_channels(given, imported.sources, geometry.name)
-        kept = site if site is not None and not given.sources else given
-        site = replace(given, sources=kept.sources)
+        source_site = site if site is not None and not given.sources else given
+        site = replace(given, sources=source_site.sources)
     labels = imported.labels
     if truth is not None:
         added = read_truth(
@@ -256,8 +256,8 @@ def _with_tables(imported: Imported, geometry: Path | None, truth: Path | None) 
             labels=labels,
             files=dict(imported.files),
         )
-        known = names_of([stream for stream, _, _ in imported.sources], site)
-        warnings += unmatched_names(added, known, truth.name)
+        names = names_of([stream for stream, _, _ in imported.sources], site)
+        warnings += unmatched_names(added, names, truth.name)
         labels = tuple(sorted((*labels, *added), key=lambda label: label.time_ns))
     return replace(imported, geometry=site, labels=labels, warnings=tuple(warnings))
 
@@ -368,15 +368,15 @@ GROUP = "groundtrace.importers"
 
 def importers() -> dict[str, Importer]:
     """Return the installed importers by name; one that fails to load warns and is left out."""
-    found: dict[str, Importer] = {}
+    installed: dict[str, Importer] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
         try:
             importer = cast("Importer", point.load()())
         except Exception as error:  # a foreign package may fail in any way
             warnings.warn(f"importer {point.name}: not loaded: {error}", stacklevel=2)
             continue
-        found[importer.name] = importer
-    return found
+        installed[importer.name] = importer
+    return installed
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
@@ -402,7 +402,7 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
 
 
 def choose(
-    paths: Sequence[Path], format_name: str | None = None, place: str = "--format"
+    paths: Sequence[Path], format_name: str | None = None, where: str = "--format"
 ) -> Importer:
     """Return the importer for some files: the one named, or the surest.
 
@@ -412,7 +412,7 @@ def choose(
         Files of one recording.
     format_name
         Name of an importer, or None to look at the files.
-    place
+    where
         Where the name stands, for the message.
 
     Raises
@@ -420,23 +420,23 @@ def choose(
     FormatError
         Where no importer has the name, or none knows the files; names the formats known.
     """
-    known = importers()
-    names = ", ".join(sorted(known)) or "none installed"
+    installed = importers()
+    names = ", ".join(sorted(installed)) or "none installed"
     if format_name is not None:
-        if format_name not in known:
+        if format_name not in installed:
             raise FormatError(
-                f"{place}: expected one of {names}, found {format_name!r}"
-                f"{did_you_mean(format_name, known)}"
+                f"{where}: expected one of {names}, found {format_name!r}"
+                f"{did_you_mean(format_name, installed)}"
             )
-        return known[format_name]
-    scores = {name: max(i.sniff(p) for p in paths) for name, i in known.items()}
+        return installed[format_name]
+    scores = {name: max(i.sniff(p) for p in paths) for name, i in installed.items()}
     best = max(scores, key=lambda name: scores[name], default="")
     if not best or scores[best] <= 0:
         raise FormatError(
             f"{paths[0].name}: expected a format of {names}, found none of them "
             f"(name one with --format)"
         )
-    return known[best]
+    return installed[best]
 
 
 #: An importer that is so sure of a file needs no map for it, unless it always does.
@@ -458,18 +458,18 @@ def check_needs_map(table: Path) -> None:
     FormatError
         Where it is one.
     """
-    known = choose([table])
-    if known.name == "csv":
+    importer = choose([table])
+    if importer.name == "csv":
         return
-    if known.name in MAPPED:
+    if importer.name in MAPPED:
         raise FormatError(
-            f"import --guess: expected a text table, found {MAPPED[known.name]}: write its map by "
-            f"hand, and give it with --map"
+            f"import --guess: expected a text table, found {MAPPED[importer.name]}: write its map "
+            f"by hand, and give it with --map"
         )
-    if known.sniff(table) >= CERTAIN:
+    if importer.sniff(table) >= CERTAIN:
         raise FormatError(
             f"import --guess: expected a table that needs a map, found one that the importer "
-            f"{known.name} reads by itself: groundtrace import {table} -o OUT.mcap"
+            f"{importer.name} reads by itself: groundtrace import {table} -o OUT.mcap"
         )
 
 

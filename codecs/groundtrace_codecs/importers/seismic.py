@@ -118,9 +118,9 @@ class SeismicImporter:
             )
         read, lost, spool = [], [], Spool(np.uint8)
         for path in waves:
-            traces, said = _read(path, spool)
+            traces, lines = _read(path, spool)
             read.append((path, traces))
-            lost += said
+            lost += lines
         formats = {trace.form for _, traces in read for trace in traces}
         if "SEG2" in formats:
             if formats != {"SEG2"} or described:
@@ -130,10 +130,10 @@ class SeismicImporter:
                 )
             shots = assemble_shots([_shot(path, traces) for path, traces in read])
             return replace(shots, warnings=(*lost, *shots.warnings))
-        traces = [trace for _, found in read for trace in found]
+        traces = [trace for _, segments in read for trace in segments]
         stations, doubts = _stations(waves, described, traces)
-        found = _continuous(traces, formats, waves[0].name, stations)
-        return replace(found, warnings=(*lost, *found.warnings, *doubts))
+        imported = _continuous(traces, formats, waves[0].name, stations)
+        return replace(imported, warnings=(*lost, *imported.warnings, *doubts))
 
 
 def _is_sac(head: bytes) -> bool:
@@ -152,11 +152,13 @@ def _is_segy(head: bytes, size: int) -> bool:
         return False
     for order in "<>":
         interval_us, _, samples, _, code = struct.unpack_from(f"{order}5H", head, 3216)
-        (own,) = struct.unpack_from(f"{order}H", head, _SEGY_TRACES + 114)
-        if code not in _SEGY_BYTES or not interval_us or not (own or samples):
+        (trace_samples,) = struct.unpack_from(f"{order}H", head, _SEGY_TRACES + 114)
+        if code not in _SEGY_BYTES or not interval_us or not (trace_samples or samples):
             continue
-        trace = _TRACE_HEADER + (own or samples) * _SEGY_BYTES[code]
-        if (size - _SEGY_TRACES) % trace == 0 or (own == samples and size - _SEGY_TRACES >= trace):
+        trace = _TRACE_HEADER + (trace_samples or samples) * _SEGY_BYTES[code]
+        if (size - _SEGY_TRACES) % trace == 0 or (
+            trace_samples == samples and size - _SEGY_TRACES >= trace
+        ):
             return True
     return False
 
@@ -167,8 +169,8 @@ def _is_su(head: bytes, size: int) -> bool:
         return False
     for order in "<>":
         code, samples, interval_us = struct.unpack_from(f"{order}h84xHH", head, 28)
-        whole = samples and size % (_TRACE_HEADER + 4 * samples) == 0
-        if whole and interval_us and 0 <= code <= _LAST_TRACE_CODE:
+        fills_file = samples and size % (_TRACE_HEADER + 4 * samples) == 0
+        if fills_file and interval_us and 0 <= code <= _LAST_TRACE_CODE:
             return True
     return False
 
@@ -179,12 +181,12 @@ def _stations(
     """Return the metadata given, or the only one beside the files, and what to say about it."""
     if described:
         return load_stations(described), ()
-    found = matching_station_files(waves, {trace.codes[1] for trace in traces} - {""})
-    if not found:
+    files = matching_station_files(waves, {trace.codes[1] for trace in traces} - {""})
+    if not files:
         return None, ()
-    if len(found) == 1:
-        return load_stations(found), ()
-    names = ", ".join(p.name for p in found)
+    if len(files) == 1:
+        return load_stations(files), ()
+    names = ", ".join(p.name for p in files)
     return None, (f"expected one StationXML of the stations, found {names}: none was used",)
 
 
@@ -247,23 +249,23 @@ def _read(path: Path, spool: Spool) -> tuple[list[Segment], list[str]]:
     with path.open("rb") as file:
         head = file.read(_SEED_HEADER)
         if _SEED.match(head):
-            found, lines = _read_miniseed(path, spool)
+            traces, lines = _read_miniseed(path, spool)
         else:
-            found, lines = _read_other(path, file, spool), []
-    kept = [s for s in found if len(s.data) and s.rate_hz > 0]
-    if not kept:
+            traces, lines = _read_other(path, file, spool), []
+    segments = [s for s in traces if len(s.data) and s.rate_hz > 0]
+    if not segments:
         raise FormatError(f"{path.name}: expected traces with samples, found none")
-    for segment in kept:
+    for segment in segments:
         length_ns = len(segment.data) / segment.rate_hz * NS_PER_S
         if abs(segment.start_ns) + length_ns > MAX_NS:
             raise FormatError(
                 f"{path.name}: {segment.id}: expected times within 146 years, found "
                 f"{len(segment.data)} samples at {segment.rate_hz:g} Hz from {segment.start_ns} ns"
             )
-    if len(kept) < len(found):
-        empty = len(found) - len(kept)
-        lines.append(f"{path.name}: {empty} of {len(found)} traces hold no samples: left out")
-    return kept, list(dict.fromkeys(lines))
+    if len(segments) < len(traces):
+        empty = len(traces) - len(segments)
+        lines.append(f"{path.name}: {empty} of {len(traces)} traces hold no samples: left out")
+    return segments, list(dict.fromkeys(lines))
 
 
 @contextmanager
@@ -278,7 +280,7 @@ def _obspy(path: Path, at: int = 0) -> Iterator[list[str]]:
         raise MissingReaderError(path.name, "obspy", "seismic") from error
     lines: list[str] = []
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             yield lines
     except CodecError:
@@ -290,7 +292,7 @@ def _obspy(path: Path, at: int = 0) -> Iterator[list[str]]:
         ) from error
     lines += [
         f"{path.name}: {_offset(' '.join(str(w.message).split()), at)}"
-        for w in said
+        for w in caught
         # its reader of miniSEED warns of records it cannot read, others of their own use of Python
         if "MSEED" in w.category.__name__
     ]
@@ -345,10 +347,10 @@ def _sac(path: Path, file: IO[bytes]) -> Segment:
     def samples(rows: slice) -> NDArray[Any]:
         with path.open("rb") as again:
             again.seek(_SAC_HEADER + 4 * rows.start)
-            found = np.frombuffer(again.read(4 * (rows.stop - rows.start)), f"{order}f4")
-        if len(found) < rows.stop - rows.start:
+            values = np.frombuffer(again.read(4 * (rows.stop - rows.start)), f"{order}f4")
+        if len(values) < rows.stop - rows.start:
             raise FormatError(f"{path.name}: expected {expected} bytes, found fewer")
-        return found
+        return values
 
     return Segment.of(trace.stats, Computed(count, samples))
 
@@ -367,8 +369,8 @@ def _seg2(path: Path, file: IO[bytes], spool: Spool) -> Iterator[Segment]:
     reader.file_pointer, reader.stream = io.BytesIO(file.read(_PIECE_BYTES)), Stream()
     reader.read_file_descriptor_block()
     order = reader.endian.decode()
-    for number, place in enumerate(reader.trace_pointers, start=1):
-        file.seek(place)
+    for number, offset in enumerate(reader.trace_pointers, start=1):
+        file.seek(offset)
         head = file.read(32)
         size, count, code = struct.unpack_from(f"{order}2xH4xLB", head)
         head += file.read(max(0, size - len(head)))
@@ -424,7 +426,7 @@ def _sections(file: IO[bytes]) -> Iterator[bytes]:
 
 def _offset(text: str, at: int) -> str:
     """Return what ObsPy says of a part of a file, with offsets in the whole."""
-    return re.sub(r"(?<=offset )\d+", lambda found: str(int(found[0]) + at), text)
+    return re.sub(r"(?<=offset )\d+", lambda match: str(int(match[0]) + at), text)
 
 
 #: Parts of a file of miniSEED read at once [bytes].
@@ -509,9 +511,9 @@ def _read_miniseed(path: Path, spool: Spool) -> tuple[list[Segment], list[str]]:
     joined = _Joined()
     lines: list[str] = []
     for at, content, records in _parts(path):
-        with _obspy(path, at) as said:
+        with _obspy(path, at) as remarks:
             traces = _traces(content, "MSEED")
-        lines += said
+        lines += remarks
         for trace in traces:
             if trace.data.dtype.kind not in "iuf":
                 raise FormatError(f"{path.name}: {trace.id}: expected numbers, found text")
@@ -538,17 +540,17 @@ def _parts(path: Path) -> Iterator[tuple[int, bytes, list[_Record]]]:
 def _walk(content: bytes, at: int, records: list[_Record], name: str, begin: int) -> int:
     """Add the whole records from a place on; return where what is not whole begins."""
     while at + 2 * _SEED_HEADER <= len(content):
-        found = _record(content, at, name, begin) if _RECORD.match(content, at) else None
-        if found is None:  # what is between records ObsPy passes over
+        record = _record(content, at, name, begin) if _RECORD.match(content, at) else None
+        if record is None:  # what is between records ObsPy passes over
             after = _RECORD.search(content, at + 1)
             if after is None:
                 return max(at, len(content) - _SEED_HEADER)
             at = after.start()
-        elif found.stop > len(content):
+        elif record.stop > len(content):
             break
         else:
-            records.append(found)
-            at = found.stop
+            records.append(record)
+            at = record.stop
     return at
 
 
@@ -612,8 +614,8 @@ def _goes_on(before: tuple[Segment, float, float], begin: _Record, trace: Any) -
     segment, end_s, rate_hz = before
     same = segment.rate_hz == trace.stats.sampling_rate
     assert isinstance(segment.data, Pieces)
-    alike = segment.data.dtype == trace.data.dtype
-    return bool(same and alike and abs(begin.start_s - end_s) * rate_hz <= 0.5)
+    same_type = segment.data.dtype == trace.data.dtype
+    return bool(same and same_type and abs(begin.start_s - end_s) * rate_hz <= 0.5)
 
 
 def _format(content: IO[bytes], name: str) -> str:
@@ -636,10 +638,10 @@ def _format(content: IO[bytes], name: str) -> str:
     for format_, point in ENTRY_POINTS["waveform"].items():
         if format_ == "PICKLE":
             continue
-        place = f"obspy.plugin.waveform.{format_}"
+        group = f"obspy.plugin.waveform.{format_}"
         begin.seek(0)
-        found = buffered_load_entry_point(point.dist.name, place, "isFormat")(begin)
-        if found:
+        matched = buffered_load_entry_point(point.dist.name, group, "isFormat")(begin)
+        if matched:
             return str(format_)
     raise FormatError(f"{name}: expected a seismic file ObsPy can read, found another file")
 
@@ -660,7 +662,7 @@ def _shot(path: Path, traces: Sequence[Segment]) -> Shot:
             f"found {len(shapes)} lengths or rates and {len(delays)} delays"
         )
     receivers = [_place(path, h, "RECEIVER_LOCATION") for h in headers]
-    known = [r for r in receivers if r is not None]
+    positions = [r for r in receivers if r is not None]
     scales = [_number(path, h, "DESCALING_FACTOR", 0.0) * 1e-3 for h in headers]
     return Shot(
         name=path.stem,
@@ -668,7 +670,7 @@ def _shot(path: Path, traces: Sequence[Segment]) -> Shot:
         rate_hz=traces[0].rate_hz,
         delay_s=delays.pop(),
         source=_place(path, headers[0], "SOURCE_LOCATION"),
-        receivers=tuple(known) if len(known) == len(receivers) else None,
+        receivers=tuple(positions) if len(positions) == len(receivers) else None,
         scales_v=tuple(scales) if all(s > 0 for s in scales) else None,
         channels=tuple(t.data for t in traces),
     )
@@ -702,15 +704,15 @@ def _place(path: Path, header: Any, key: str) -> tuple[float, float, float] | No
 
 
 def _continuous(
-    traces: Sequence[Segment], formats: set[str], place: str, stations: Stations | None
+    traces: Sequence[Segment], formats: set[str], where: str, stations: Stations | None
 ) -> Imported:
     """Return traces as streams: those with one rate and the same segments share a stream."""
     start_ns = min(t.start_ns for t in traces)
     if start_ns < 0:
-        raise SchemaError(f"{place}: start time: expected 1970 or later, found {start_ns} ns")
+        raise SchemaError(f"{where}: start time: expected 1970 or later, found {start_ns} ns")
     channels = _segments(traces if stations is None else split(traces, stations))
     plain = {name: _channel(name, segments[0]) for name, segments in channels.items()}
-    known = Described(plain, {}) if stations is None else describe(channels, plain, stations)
+    site = Described(plain, {}) if stations is None else describe(channels, plain, stations)
     streams: dict[Any, dict[str, list[Segment]]] = {}
     for name, segments in channels.items():
         key = (segments[0].rate_hz, *((t.start_ns, len(t.data)) for t in segments))
@@ -718,17 +720,17 @@ def _continuous(
     several = len(streams) > 1
     return Imported(
         sources=tuple(
-            _stream(f"/seismic/{i}" if several else "/seismic", of_stream, known)
+            _stream(f"/seismic/{i}" if several else "/seismic", of_stream, site)
             for i, of_stream in enumerate(streams.values(), start=1)
         ),
         start_ns=start_ns,
-        geometry=known.geometry,
-        metadata=known.metadata,
+        geometry=site.geometry,
+        metadata=site.metadata,
         warnings=(
             *(f"{f}: the start time has {_KEPT[f]} only" for f in sorted(formats & _KEPT.keys())),
-            *known.warnings,
+            *site.warnings,
         ),
-        remarks=known.remarks,
+        remarks=site.remarks,
         attachments=() if stations is None else stations.files,
     )
 
@@ -738,20 +740,20 @@ def _segments(traces: Sequence[Segment]) -> dict[str, list[Segment]]:
     channels: dict[str, list[Segment]] = {}
     for i, trace in enumerate(traces, start=1):
         name = trace.id if trace.id.strip(".") else f"G{i:02d}"
-        known = channels.get(name)
-        if known and known[0].rate_hz != trace.rate_hz:
+        segments = channels.get(name)
+        if segments and segments[0].rate_hz != trace.rate_hz:
             name += f" {trace.rate_hz:g} Hz"
         channels.setdefault(name, []).append(trace)
     return {n: sorted(ts, key=lambda t: t.start_ns) for n, ts in channels.items()}
 
 
-def _stream(topic: str, channels: dict[str, list[Segment]], known: Described) -> Source:
+def _stream(topic: str, channels: dict[str, list[Segment]], site: Described) -> Source:
     """Return one stream; a segment starts at its own time to the nanosecond."""
     segments = list(zip(*channels.values(), strict=True))
     rate_hz = segments[0][0].rate_hz
-    stream = Stream(topic, tuple(known.channels[name] for name in channels), rate_hz)
+    stream = Stream(topic, tuple(site.channels[name] for name in channels), rate_hz)
     ones = (1.0,) * len(segments)
-    gains = list(zip(*(known.factors.get(name, ones) for name in channels), strict=True))
+    gains = list(zip(*(site.factors.get(name, ones) for name in channels), strict=True))
     name, samples = sample_format(_joined([[t.data for t in each] for each in segments], gains))
     starts = [segment[0].start_ns for segment in segments]
     firsts = [round((start_ns - starts[0]) * rate_hz / NS_PER_S) for start_ns in starts]
@@ -930,8 +932,10 @@ def matching_station_files(paths: Sequence[Path], stations: Iterable[str]) -> li
     codes = [f'code="{station}"'.encode() for station in stations]
     folders = dict.fromkeys(p.resolve().parent for p in paths)
     inside = (p for folder in folders for p in sorted(folder.iterdir()))
-    found = (p for p in inside if p.suffix.lower() in SUFFIXES and p.is_file())
-    return [p for p in found if is_station_xml(p) and any(code in p.read_bytes() for code in codes)]
+    candidates = (p for p in inside if p.suffix.lower() in SUFFIXES and p.is_file())
+    return [
+        p for p in candidates if is_station_xml(p) and any(code in p.read_bytes() for code in codes)
+    ]
 
 
 def load_stations(paths: Sequence[Path]) -> Stations:
@@ -975,9 +979,9 @@ def _inventory(name: str, content: bytes) -> Any:
 
 def _epoch(channel: Any) -> Epoch:
     """Return one epoch of a channel, as ObsPy has it."""
-    found = _sensitivity(channel)
-    fault = found if isinstance(found, str) else ""
-    unit, scale = ("count", 1.0) if isinstance(found, str) else found
+    sensitivity = _sensitivity(channel)
+    fault = sensitivity if isinstance(sensitivity, str) else ""
+    unit, scale = ("count", 1.0) if isinstance(sensitivity, str) else sensitivity
     quantity = _QUANTITIES.get(unit, "seismic")
     axis, sign = ("", 1.0) if quantity in _SCALARS else _direction(channel)
     return Epoch(
@@ -996,17 +1000,17 @@ def _epoch(channel: Any) -> Epoch:
 
 def _sensitivity(channel: Any) -> tuple[str, float] | str:
     """Return the SI unit and what one count is in it, or why that is not known."""
-    told = channel.response.instrument_sensitivity if channel.response is not None else None
-    if told is None or not told.value:
+    sensitivity = channel.response.instrument_sensitivity if channel.response is not None else None
+    if sensitivity is None or not sensitivity.value:
         return "has no sensitivity"
-    to, given = str(told.output_units or ""), str(told.input_units or "")
+    to, given = str(sensitivity.output_units or ""), str(sensitivity.input_units or "")
     if "count" not in to.lower():
         return f"has a sensitivity to {to or 'no unit'}, not to counts"
     plain = given.lower().replace("**", "").replace("^", "").replace("/s/s", "/s2")
     if plain not in _INPUTS:
         return f"has a sensitivity from {given or 'no unit'}, which is not known here"
     unit, factor = to_si(_INPUTS[plain])
-    return unit, factor / float(told.value)
+    return unit, factor / float(sensitivity.value)
 
 
 def _direction(channel: Any) -> tuple[str, float]:
@@ -1094,21 +1098,21 @@ def describe(
     made, factors, places, warnings = dict(plain), {}, {}, []
     for name, traces in channels.items():
         epochs = [stations.at(trace.id, trace.start_ns) for trace in traces]
-        known = [epoch for epoch in epochs if epoch is not None]
+        valid_epochs = [epoch for epoch in epochs if epoch is not None]
         if fault := _fault(traces, epochs, stations):
             warnings.append(f"{fault}: its samples stay counts")
         else:
             made[name] = replace(
                 plain[name],
-                quantity=known[0].quantity,
-                unit=known[0].unit,
-                axis=known[0].axis,
-                scale=known[0].scale,
+                quantity=valid_epochs[0].quantity,
+                unit=valid_epochs[0].unit,
+                axis=valid_epochs[0].axis,
+                scale=valid_epochs[0].scale,
             )
-            factors[name] = tuple(epoch.scale / known[0].scale for epoch in known)
-        if known:
-            places[name] = known[0].place
-            if any(epoch.place != known[0].place for epoch in known):
+            factors[name] = tuple(epoch.scale / valid_epochs[0].scale for epoch in valid_epochs)
+        if valid_epochs:
+            places[name] = valid_epochs[0].place
+            if any(epoch.place != valid_epochs[0].place for epoch in valid_epochs):
                 warnings.append(f"{stations.name}: {name}: was moved: its first place is kept")
     site = Described(made, factors, warnings=tuple(warnings))
     return _placed(site, places, stations.name) if places else site
@@ -1121,8 +1125,8 @@ def _fault(
     name = traces[0].id
     if name not in stations.epochs:
         near = [other for other in stations.epochs if other.split(".")[:2] == name.split(".")[:2]]
-        found = ", ".join(near) or "no channel of this station"
-        return f"{stations.name}: {name}: expected this channel, found {found}"
+        near_names = ", ".join(near) or "no channel of this station"
+        return f"{stations.name}: {name}: expected this channel, found {near_names}"
     for trace, epoch in zip(traces, epochs, strict=True):
         if epoch is None:
             when = np.datetime64(trace.start_ns // 1000, "us")
@@ -1142,13 +1146,13 @@ def _placed(
     across, along = metres_per_radian(math.radians(origin[0]))
     channels = dict(site.channels)
     sensors = []
-    for name, place in places.items():
-        turned = (place[1] - origin[1] + 180.0) % 360.0 - 180.0
-        east, north = across * math.radians(turned), along * math.radians(place[0] - origin[0])
-        position = (round(east, 3), round(north, 3), round(place[2] - origin[2], 3))
+    for name, point in places.items():
+        east_deg = (point[1] - origin[1] + 180.0) % 360.0 - 180.0
+        east, north = across * math.radians(east_deg), along * math.radians(point[0] - origin[0])
+        position = (round(east, 3), round(north, 3), round(point[2] - origin[2], 3))
         channels[name] = replace(channels[name], position_m=position)
         sensors.append(Sensor(name, name, *position, channels[name].axis or "z"))
-    said = (
+    remark = (
         f"places are metres east, north and up of {origin[0]:.6f}, {origin[1]:.6f} at "
         f"{origin[2]:g} m, where {first} stands ({file})"
     )
@@ -1157,7 +1161,7 @@ def _placed(
         channels=channels,
         geometry=Geometry(sensors=tuple(sensors)),
         origin=origin,
-        remarks=(said, *_scaled(site, file)),
+        remarks=(remark, *_scaled(site, file)),
     )
 
 
@@ -1229,8 +1233,8 @@ def assemble_shots(shots: Sequence[Shot]) -> Imported:
     for number, (spread, members) in enumerate(spreads.items(), start=1):
         topic = "/seismic" if len(spreads) == 1 else f"/seismic/{number}"
         offsets = [firsts[i] - firsts[members[0]] for i in members]
-        own = [shots[i] for i in members]
-        sources.append(_spread(topic, spread, own, offsets, [starts[i] for i in members]))
+        spread_shots = [shots[i] for i in members]
+        sources.append(_spread(topic, spread, spread_shots, offsets, [starts[i] for i in members]))
     moved = f"the spread was moved: {len(spreads)} streams, receivers named by place"
     return Imported(
         sources=tuple(sources),
@@ -1329,7 +1333,7 @@ def _geometry(shots: Sequence[Shot], names: Sequence[tuple[str, ...]]) -> Geomet
     points = tuple((s.name, s.source[0], s.source[1]) for s in shots if s.source is not None)
     if not places and not points:
         return None
-    sensors = tuple(Sensor(name, name, *place) for name, place in places.items())
+    sensors = tuple(Sensor(name, name, *position) for name, position in places.items())
     return Geometry(sensors=sensors, sources=points)
 
 

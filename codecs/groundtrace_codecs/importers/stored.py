@@ -207,8 +207,8 @@ class Spool:
         count = max(0, stop - start)
         # what was read last is at hand: columns of one spool are read one after the other
         if self._last is None or self._last[0] != slice(start, stop):
-            found = self.read(start * self._row_bytes, count * self._row_bytes)
-            array = np.frombuffer(found, self._dtype).reshape(count, *self._shape)
+            content = self.read(start * self._row_bytes, count * self._row_bytes)
+            array = np.frombuffer(content, self._dtype).reshape(count, *self._shape)
             self._last = slice(start, stop), array
         return self._last[1]
 
@@ -252,8 +252,8 @@ class Pieces:
         while start < stop:
             end = min(stop, self._ends[at])
             before = self._ends[at - 1] if at else 0
-            place = self._places[at] + (start - before) * self.dtype.itemsize
-            parts.append(self._spool.read(place, (end - start) * self.dtype.itemsize))
+            offset = self._places[at] + (start - before) * self.dtype.itemsize
+            parts.append(self._spool.read(offset, (end - start) * self.dtype.itemsize))
             start, at = end, at + 1
         return np.frombuffer(b"".join(parts), self.dtype)
 
@@ -333,9 +333,9 @@ class StoredArray:
         """Return what :attr:`fetch` does; what was fetched last is at hand."""
         key = (lead, start, stop)
         if key not in self._last:
-            found = self.fetch(lead, start, stop)
+            values = self.fetch(lead, start, stop)
             self._last.clear()
-            self._last[key] = found
+            self._last[key] = values
         return self._last[key]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -353,12 +353,12 @@ class StoredArray:
                 f"found {size}"
             )
         if not self.whole:
-            found = self.fetch((), 0, 1)[0]
+            values = self.fetch((), 0, 1)[0]
         else:
-            found = self.fetch((), 0, self.whole[0])
+            values = self.fetch((), 0, self.whole[0])
             taken: tuple[Any, ...] = tuple(slice(None) if at is None else at for at in self.taken)
-            found = found[taken]
-        return np.array(found.T if self.fortran else found, dtype, copy=copy)
+            values = values[taken]
+        return np.array(values.T if self.fortran else values, dtype, copy=copy)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -398,7 +398,7 @@ class StoredColumn:
 
 
 def rows_in(
-    place: str,
+    where: str,
     read: Callable[[int, int], bytes],
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
@@ -409,8 +409,8 @@ def rows_in(
 
     Parameters
     ----------
-    place
-        As of :class:`StoredArray`.
+    where
+        File and name, for messages.
     read
         Returns bytes from a place on, as many as wanted; fewer are an error of its own.
     shape, dtype
@@ -428,7 +428,7 @@ def rows_in(
         for index, length in zip(lead, lengths, strict=False):
             at = at * length + index
         at = at * (lengths[len(lead)] if lengths else 1) + start
-        found = read(at * row * dtype.itemsize, (stop - start) * row * dtype.itemsize)
-        return np.frombuffer(found, dtype).reshape(stop - start, *inner)
+        content = read(at * row * dtype.itemsize, (stop - start) * row * dtype.itemsize)
+        return np.frombuffer(content, dtype).reshape(stop - start, *inner)
 
-    return StoredArray(place, lengths, dtype, fetch, fortran)
+    return StoredArray(where, lengths, dtype, fetch, fortran)

@@ -161,21 +161,21 @@ class TextTable:
 
     def numbers(self, column: str | int) -> Column:
         """Return one column of numbers; empty cells are NaN."""
-        found = self.numeric[self._find(column), "number"]
-        self._check(column, found, "a number")
-        return found.rows()
+        cells = self.numeric[self._find(column), "number"]
+        self._check(column, cells, "a number")
+        return cells.rows()
 
     def times_ns(self, time: TimeMap) -> Column:
         """Return the sample times [ns], exact to the digit."""
-        found = self.numeric[self._find(time.column), time.unit]
-        self._check(time.column, found, f"a time in {time.unit}")
-        return found.rows()
+        cells = self.numeric[self._find(time.column), time.unit]
+        self._check(time.column, cells, f"a time in {time.unit}")
+        return cells.rows()
 
     def texts(self, column: str | int) -> Iterable[str]:
         """Return the cells of a column of times in words."""
-        found = self.worded[self._find(column)]
-        self._check(column, found, "a text")
-        return found
+        cells = self.worded[self._find(column)]
+        self._check(column, cells, "a text")
+        return cells
 
     def groups(self, path: str) -> list[Any]:
         """Return the non-empty cells of a column: a text table has one bout."""
@@ -186,20 +186,20 @@ class TextTable:
         if index is None:
             names = ", ".join(self.header) or "no header (name columns by 0-based index)"
             near = did_you_mean(column, self.header)
-            said = f"{column}: expected one column of {names}, found none{near}"
-            raise SchemaError(f"{self.name}: {' '.join(said.split())}")  # cells may have lines
+            message = f"{column}: expected one column of {names}, found none{near}"
+            raise SchemaError(f"{self.name}: {' '.join(message.split())}")  # cells may have lines
         return index
 
-    def _check(self, column: str | int, found: _Cells, expected: str) -> None:
+    def _check(self, column: str | int, cells: _Cells, expected: str) -> None:
         """Refuse a column with a cell that is not there, or not what it should be."""
-        if found.short is not None:
-            line, count = found.short
+        if cells.short is not None:
+            line, count = cells.short
             raise SchemaError(
                 f"{self.name}: line {line}: expected a cell for column {column}, "
                 f"found {count} cells"
             )
-        if found.wrong is not None:
-            line, cell = found.wrong
+        if cells.wrong is not None:
+            line, cell = cells.wrong
             raise SchemaError(
                 f"{self.name}: line {line}: {column}: expected {expected}, found {cell[:40]!r}"
             )
@@ -268,11 +268,11 @@ class _Numbers(_Cells):
             cells = [c.replace(",", ".") for c in cells]
         number = float if self.kind == "number" else _MOMENTS[self.kind]
         try:
-            found = list(map(number, cells))
+            numbers = list(map(number, cells))
         except (ValueError, InvalidOperation):
-            found = [self._one(number, line, c) for line, c in zip(lines, cells, strict=True)]
+            numbers = [self._one(number, line, c) for line, c in zip(lines, cells, strict=True)]
         kind = np.float64 if self.kind == "number" else np.int64
-        block[:, self.place] = np.array(found, kind).view(np.int64)
+        block[:, self.place] = np.array(numbers, kind).view(np.int64)
 
     def _one(self, number: Callable[[str], float], line: int, cell: str) -> float:
         """Return the number of a cell; NaN of an empty one, which is no time."""
@@ -288,9 +288,9 @@ class _Numbers(_Cells):
     def rows(self) -> Column:
         """Return the numbers, or times [ns]."""
         kind = np.float64 if self.kind == "number" else np.int64
-        spool, place = self.spool, self.place
+        spool, column = self.spool, self.place
         return Computed(
-            len(spool), lambda rows: np.ascontiguousarray(spool[rows][:, place]).view(kind)
+            len(spool), lambda rows: np.ascontiguousarray(spool[rows][:, column]).view(kind)
         )
 
 
@@ -323,10 +323,10 @@ def _moment(digits: int) -> Callable[[str], int]:
     factor = int(10**digits)
 
     def moment(cell: str) -> int:
-        whole, _, part = cell.partition(".")
-        plain = whole.isdecimal() and (not part or part.isdecimal()) and cell.isascii()
-        if plain and len(whole) <= 18 - digits and len(part) <= digits:
-            return int(whole) * factor + int(part.ljust(digits, "0") or "0")
+        integer, _, part = cell.partition(".")
+        plain = integer.isdecimal() and (not part or part.isdecimal()) and cell.isascii()
+        if plain and len(integer) <= 18 - digits and len(part) <= digits:
+            return int(integer) * factor + int(part.ljust(digits, "0") or "0")
         value = Decimal(cell)
         if not value.is_finite() or value.adjusted() > 18 or abs(value) * factor > _MAX_NS:
             raise InvalidOperation
@@ -489,18 +489,18 @@ class Archive:
 
     def times_ns(self, time: TimeMap) -> Column:
         """Return the n sample times [ns]."""
-        found, factor = self.numbers(time.column), TIME_UNITS_NS[time.unit]
+        column, factor = self.numbers(time.column), TIME_UNITS_NS[time.unit]
 
         def times(rows: slice) -> NDArray[np.int64]:
-            values = found[rows]
+            values = column[rows]
             if not (np.abs(values) <= _MAX_NS / factor).all():  # NaN is not either
                 raise SchemaError(f"{self.name}: {time.column}: expected times, found others")
-            whole = np.floor(values)  # apart, so that unix times keep all their digits
-            parts = np.rint((values - whole) * factor).astype(np.int64)
-            times_ns: NDArray[np.int64] = whole.astype(np.int64) * factor + parts
+            integers = np.floor(values)  # apart, so that unix times keep all their digits
+            parts = np.rint((values - integers) * factor).astype(np.int64)
+            times_ns: NDArray[np.int64] = integers.astype(np.int64) * factor + parts
             return times_ns
 
-        return Computed(len(found), times)
+        return Computed(len(column), times)
 
     def texts(self, column: str | int) -> list[str]:
         """Refuse times in words: arrays hold numbers."""
@@ -617,10 +617,10 @@ class _Part:
         """Return some of the bytes, which are there, unread."""
         return _Part(self.source, self.begin + at, count)
 
-    def stored(self, place: str, shape: tuple[int, ...], type_: str) -> StoredArray:
+    def stored(self, where: str, shape: tuple[int, ...], type_: str) -> StoredArray:
         """Return the bytes as an array whose first index goes on fastest, without axes of one."""
         lengths = tuple(length for length in shape if length != 1)
-        return rows_in(place, self.bytes, lengths, np.dtype(type_), fortran=True)
+        return rows_in(where, self.bytes, lengths, np.dtype(type_), fortran=True)
 
 
 @dataclass(slots=True)
@@ -690,9 +690,9 @@ class _Level5:
         while self.at < len(self.data):
             kind, content = self.element(padded=False)
             if kind == _COMPRESSED:
-                place = f" of what is packed before byte {self.at}"
+                where = f" of what is packed before byte {self.at}"
                 packed = self._inflated(content)
-                inside = _Level5(self.name, packed, self.order, self.room, where=place)
+                inside = _Level5(self.name, packed, self.order, self.room, where=where)
                 kind, content = inside.element()
                 part = inside._within(content)
             else:
@@ -706,13 +706,13 @@ class _Level5:
 
     def element(self, *, padded: bool = True) -> tuple[int, _Part]:
         """Return the type and the bytes of the next element."""
-        place = self._taken(8, "the tag of an element")
-        first, size = np.frombuffer(self.data.bytes(place, 8), f"{self.order}u4").tolist()
+        offset = self._taken(8, "the tag of an element")
+        first, size = np.frombuffer(self.data.bytes(offset, 8), f"{self.order}u4").tolist()
         if first >> 16:  # few bytes, in the tag itself
             kind, size = first & 0xFFFF, first >> 16
             if size > 4:
                 raise self._wrong("at most 4 bytes in a tag", f"{size}")
-            return kind, self.data.part(place + 4, size)
+            return kind, self.data.part(offset + 4, size)
         content = self.data.part(self._taken(size, f"{size} bytes"), size)
         if padded or first == _MATRIX:
             self.at = min(self.at + -size % 8, len(self.data))
@@ -748,8 +748,8 @@ class _Level5:
 
     def _numeric(self, shape: tuple[int, ...], class_: str, *, complex_: bool) -> Any:
         """Return the numbers of an array, large ones where they lie."""
-        place = f"{self.name}: byte {self.at}{self.where}"
-        parts = [self._stored(shape, place) for _ in range(2 if complex_ else 1)]
+        where = f"{self.name}: byte {self.at}{self.where}"
+        parts = [self._stored(shape, where) for _ in range(2 if complex_ else 1)]
         stored = _converted(parts, class_)
         size = math.prod(shape) * stored.dtype.itemsize
         if size > _SMALL_BYTES:
@@ -757,13 +757,13 @@ class _Level5:
         self.room.take(size)
         return _squeezed(np.asarray(stored))
 
-    def _stored(self, shape: tuple[int, ...], place: str) -> StoredArray:
+    def _stored(self, shape: tuple[int, ...], where: str) -> StoredArray:
         """Return the next element's numbers as an array of a shape."""
         type_, content = self._numbers()
         count = len(content) // int(type_[1])
         if count != math.prod(shape):
             raise self._wrong(f"{math.prod(shape)} values", f"{count}")
-        return content.stored(place, shape, self.order + type_)
+        return content.stored(where, shape, self.order + type_)
 
     def _numbers(self) -> tuple[str, _Part]:
         """Return what the next element's numbers are, and their bytes."""
@@ -847,8 +847,8 @@ class _Level5:
         return self._within(content).array()[1]
 
     def _within(self, content: _Part) -> _Level5:
-        place = self.where or f" of the array that ends at byte {self.at}"
-        return _Level5(self.name, content, self.order, self.room, 0, self.depth + 1, place)
+        where = self.where or f" of the array that ends at byte {self.at}"
+        return _Level5(self.name, content, self.order, self.room, 0, self.depth + 1, where)
 
     def _believed(self, shape: tuple[int, ...], fields: int) -> int:
         """Return how many arrays a shape means; each takes 8 bytes at least."""
@@ -889,9 +889,9 @@ class _Level5:
             raise self._wrong(f"{size} bytes in compressed data", "other data")
         return self.room.unpacked(begin)
 
-    def _wrong(self, expected: str, found: str) -> FormatError:
+    def _wrong(self, expected: str, actual: str) -> FormatError:
         return FormatError(
-            f"{self.name}: byte {self.at}{self.where}: expected {expected}, found {found}"
+            f"{self.name}: byte {self.at}{self.where}: expected {expected}, found {actual}"
         )
 
 
@@ -957,21 +957,21 @@ class _Level4:
                 )
             name = _until_zero(self.data.bytes(at, length))
             at += length
-            found = [self.data.part(at + i * size, size) for i in range(parts)]
-            place = f"{self.name}: byte {at}"
+            contents = [self.data.part(at + i * size, size) for i in range(parts)]
+            where = f"{self.name}: byte {at}"
             at += parts * size
-            yield name, self._value(kind, found, (rows, columns), order + type_, place)
+            yield name, self._value(kind, contents, (rows, columns), order + type_, where)
 
     def _value(
-        self, kind: int, parts: list[_Part], shape: tuple[int, int], type_: str, place: str
+        self, kind: int, parts: list[_Part], shape: tuple[int, int], type_: str, where: str
     ) -> Any:
         """Return a variable of some bytes; of complex numbers the real ones come first."""
         if kind == 2:
             return Opaque("sparse array")
         if kind == 0 and len(parts[0]) > _SMALL_BYTES:
-            return _converted([part.stored(place, shape, type_) for part in parts], type_)
+            return _converted([part.stored(where, shape, type_) for part in parts], type_)
         if len(parts[0]) > (limit := most_unpacked(0)):
-            raise FormatError(f"{place}: expected at most {limit} bytes of text, found more")
+            raise FormatError(f"{where}: expected at most {limit} bytes of text, found more")
         matrix, *imaginary = [
             np.frombuffer(part.bytes(0, len(part)), type_).reshape(shape, order="F")
             for part in parts
@@ -1010,10 +1010,10 @@ def _header_of_4(head: bytes | memoryview) -> tuple[str, str, int, int, int, boo
 
 def _is_level_4(head: bytes, size: int) -> bool:
     """Tell whether bytes begin with a variable of level 4 that fits into a file of a size."""
-    found = _header_of_4(head)
-    if found is None:
+    header = _header_of_4(head)
+    if header is None:
         return False
-    _, type_, _, rows, columns, complex_, length = found
+    _, type_, _, rows, columns, complex_, length = header
     name = head[_LEVEL_4_HEADER : _LEVEL_4_HEADER + length]
     if (
         name[-1:] != b"\0"
@@ -1103,28 +1103,28 @@ def _hdf5_errors(name: str) -> Iterator[None]:
     except CodecError:
         raise
     except Exception as error:
-        found = str(error) or type(error).__name__
-        raise FormatError(f"{name}: expected an HDF5 file, found: {found}") from error
+        text = str(error) or type(error).__name__
+        raise FormatError(f"{name}: expected an HDF5 file, found: {text}") from error
 
 
-def _hdf5_group(group: Any, place: str) -> Mapping[str, Any]:
+def _hdf5_group(group: Any, where: str) -> Mapping[str, Any]:
     """Return a group's data sets and groups by name."""
     import h5py
 
     keys = {_text(name): name for name in group}
 
     def read(name: str) -> Any:
-        with _hdf5_errors(place):
+        with _hdf5_errors(where):
             if isinstance(group.get(keys[name], getlink=True), h5py.ExternalLink):
                 raise FormatError(
-                    f"{place}: {name}: expected data in the file itself, found a link to another"
+                    f"{where}: {name}: expected data in the file itself, found a link to another"
                 )
             item = group[keys[name]]
             if isinstance(item, h5py.Group):
-                return _hdf5_group(item, place)
+                return _hdf5_group(item, where)
             if not isinstance(item, h5py.Dataset):
                 return Opaque("type")
-            return _hdf5_values(item, place)
+            return _hdf5_values(item, where)
 
     return _Named(keys, read)
 
@@ -1136,17 +1136,17 @@ def _text(name: str | bytes) -> str:
 
 def _hdf5_values(item: Any, name: str) -> Any:
     """Return a data set's values, those of a large one in the file."""
-    place = f"{name}: {_text(item.name)}"
+    where = f"{name}: {_text(item.name)}"
     if item.external or item.is_virtual:
-        raise FormatError(f"{place}: expected data in the file itself, found data of other files")
+        raise FormatError(f"{where}: expected data in the file itself, found data of other files")
     if item.shape is None or item.dtype.hasobject:
-        return _hdf5_objects(item, place)
-    size, kept = int(item.size) * item.dtype.itemsize, int(item.id.get_storage_size())
-    if size > (limit := most_unpacked(kept, DEFLATE_RATIO)):
-        raise FormatError(f"{place}: {too_much(limit, kept, size)}")
+        return _hdf5_objects(item, where)
+    size, stored_size = int(item.size) * item.dtype.itemsize, int(item.id.get_storage_size())
+    if size > (limit := most_unpacked(stored_size, DEFLATE_RATIO)):
+        raise FormatError(f"{where}: {too_much(limit, stored_size, size)}")
     chunk = math.prod(item.chunks or ()) * item.dtype.itemsize if item.chunks else 0
     if chunk > _MOST_CHUNK:
-        raise FormatError(f"{place}: expected chunks of at most {_MOST_CHUNK} bytes, found {chunk}")
+        raise FormatError(f"{where}: expected chunks of at most {_MOST_CHUNK} bytes, found {chunk}")
     if size <= _SMALL_BYTES:
         return item[()]
 
@@ -1155,14 +1155,14 @@ def _hdf5_values(item: Any, name: str) -> Any:
             return np.asarray(item[(*lead, slice(start, stop))])
 
     if chunk <= _LARGE_CHUNK:
-        return StoredArray(place, item.shape, item.dtype, fetch)
+        return StoredArray(where, item.shape, item.dtype, fetch)
     spool = Spool(item.dtype, item.shape[1:])
     for start in range(0, item.shape[0], item.chunks[0]):
         spool.write(fetch((), start, min(start + item.chunks[0], item.shape[0])))
-    return rows_in(place, spool.read, item.shape, item.dtype)
+    return rows_in(where, spool.read, item.shape, item.dtype)
 
 
-def _hdf5_objects(item: Any, place: str) -> Any:
+def _hdf5_objects(item: Any, where: str) -> Any:
     """Return values that are no numbers of one size, such as texts, each read by itself.
 
     Any number of them can be the same bytes of the file.
@@ -1171,14 +1171,14 @@ def _hdf5_objects(item: Any, place: str) -> Any:
         return item[()]
     if item.ndim != 1:
         return Opaque("values of any size")
-    found, size = [], 0
+    objects, size = [], 0
     for at in range(len(item)):
-        found.append(item[at])
-        size += len(found[-1]) if hasattr(found[-1], "__len__") else 8
+        objects.append(item[at])
+        size += len(objects[-1]) if hasattr(objects[-1], "__len__") else 8
         if max(size, 8 * at) > (limit := most_unpacked(0)):
-            raise FormatError(f"{place}: expected at most {limit} bytes of texts, found more")
-    values = np.empty(len(found), object)
-    values[:] = found
+            raise FormatError(f"{where}: expected at most {limit} bytes of texts, found more")
+    values = np.empty(len(objects), object)
+    values[:] = objects
     return values
 
 
@@ -1230,70 +1230,73 @@ def _open_npz(path: Path) -> Mapping[str, Any]:
 
 
 @contextmanager
-def _npz_errors(place: str) -> Iterator[None]:
+def _npz_errors(where: str) -> Iterator[None]:
     """Raise whatever damaged bytes lead zipfile and NumPy to as a FormatError."""
     try:
         yield
     except CodecError:
         raise
     except Exception as error:
-        found = str(error) or type(error).__name__
+        text = str(error) or type(error).__name__
         raise FormatError(
-            f"{place}: expected a NumPy archive without pickled objects, found: {found}"
+            f"{where}: expected a NumPy archive without pickled objects, found: {text}"
         ) from error
 
 
 def _member(path: Path, name: str, member: zipfile.ZipInfo) -> Any:
     """Return an array of an archive, unpacked into a temporary file."""
-    place = f"{path.name}: {name}"
-    check_member(member, place)
+    where = f"{path.name}: {name}"
+    check_member(member, where)
     spool = Spool(np.uint8)
-    with _npz_errors(place), zipfile.ZipFile(path) as archive, archive.open(member) as content:
+    with _npz_errors(where), zipfile.ZipFile(path) as archive, archive.open(member) as content:
         while block := content.read(_PACKED_BYTES):
             spool.write(block)
-    return _npy(spool, place, len(spool))
+    return _npy(spool, where, len(spool))
 
 
-def check_member(member: zipfile.ZipInfo, place: str, ratio: int = DEFLATE_RATIO) -> None:
+def check_member(member: zipfile.ZipInfo, where: str, ratio: int = DEFLATE_RATIO) -> None:
     """Refuse a member of an archive that is packed as none is, or more than ``ratio`` times.
 
     Raises
     ------
     FormatError
-        Names ``place``.
+        Names ``where``.
     """
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise FormatError(
-            f"{place}: expected data that are stored or deflated, found method "
+            f"{where}: expected data that are stored or deflated, found method "
             f"{member.compress_type}"
         )
     if member.file_size > (limit := most_unpacked(member.compress_size, ratio)):
-        raise FormatError(f"{place}: {too_much(limit, member.compress_size, member.file_size)}")
+        raise FormatError(f"{where}: {too_much(limit, member.compress_size, member.file_size)}")
 
 
-def _npy(source: Path | Spool, place: str, size: int) -> Any:
+def _npy(source: Path | Spool, where: str, size: int) -> Any:
     """Return the array of a .npy file, a large one in the file (NEP 1, versions 1 and 2)."""
     of = source.read if isinstance(source, Spool) else partial(_read, source)
-    read = _exactly(of, place)
-    with _npz_errors(place):
+    read = _exactly(of, where)
+    with _npz_errors(where):
         head = io.BytesIO(read(0, min(size, _NPY_HEAD)))
         version = np.lib.format.read_magic(head)
-        known = np.lib.format
-        headers = {(1, 0): known.read_array_header_1_0, (2, 0): known.read_array_header_2_0}
+        npy_format = np.lib.format
+        headers = {
+            (1, 0): npy_format.read_array_header_1_0,
+            (2, 0): npy_format.read_array_header_2_0,
+        }
         if version not in headers:
-            raise FormatError(f"{place}: expected version 1 or 2 of the format, found {version}")
+            raise FormatError(f"{where}: expected version 1 or 2 of the format, found {version}")
         shape, fortran, dtype = headers[version](head)
         begin, claimed = head.tell(), math.prod(shape) * dtype.itemsize
         if dtype.hasobject:
             raise FormatError(
-                f"{place}: expected a NumPy archive without pickled objects, found some"
+                f"{where}: expected a NumPy archive without pickled objects, found some"
             )
         if claimed > size - begin:
             raise FormatError(
-                f"{place}: expected {claimed} bytes of shape {shape}, found {size - begin}"
+                f"{where}: expected {claimed} bytes of shape {shape}, found {size - begin}"
             )
-        found = rows_in(place, lambda at, n: read(begin + at, n), shape, dtype, fortran=fortran)
-        return found if claimed > _SMALL_BYTES else np.asarray(found)
+        array = rows_in(where, lambda at, n: read(begin + at, n), shape, dtype, fortran=fortran)
+        return array if claimed > _SMALL_BYTES else np.asarray(array)
 
 
 def _read(path: Path, at: int, count: int) -> bytes:
@@ -1302,13 +1305,13 @@ def _read(path: Path, at: int, count: int) -> bytes:
         return file.read(count)
 
 
-def _exactly(read: Callable[[int, int], bytes], place: str) -> Callable[[int, int], bytes]:
+def _exactly(read: Callable[[int, int], bytes], where: str) -> Callable[[int, int], bytes]:
     """Return what reads bytes as ``read`` does, and raises a FormatError where there are fewer."""
 
     def exactly(at: int, count: int) -> bytes:
-        found = read(at, count)
-        if len(found) < count:
-            raise FormatError(f"{place}: byte {at}: expected {count} bytes, found {len(found)}")
-        return found
+        content = read(at, count)
+        if len(content) < count:
+            raise FormatError(f"{where}: byte {at}: expected {count} bytes, found {len(content)}")
+        return content
 
     return exactly

@@ -99,7 +99,7 @@ class _At:
     civil: Civil
 
 
-def zone_of(name: str, place: str) -> datetime.tzinfo:
+def zone_of(name: str, where: str) -> datetime.tzinfo:
     """Return a zone by its name in the time zone database, or by its offset such as ``+02:00``.
 
     Raises
@@ -113,19 +113,19 @@ def zone_of(name: str, place: str) -> datetime.tzinfo:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError) as error:
         raise SchemaError(
-            f"{place}: expected a time zone such as Europe/Paris or +02:00, found {name!r} (where "
+            f"{where}: expected a time zone such as Europe/Paris or +02:00, found {name!r} (where "
             f"the system has no time zones: pip install tzdata)"
         ) from error
 
 
-def parse_start(text: str, place: str, zone: str = "", scale: TimeScale = "utc") -> int:
+def parse_start(text: str, where: str, zone: str = "", scale: TimeScale = "utc") -> int:
     """Return an ISO 8601 time as unix time [ns].
 
     Parameters
     ----------
     text
         The time; the zone it names holds.
-    place
+    where
         Named in errors.
     zone
         Of a time that names none; without it UTC.
@@ -137,12 +137,12 @@ def parse_start(text: str, place: str, zone: str = "", scale: TimeScale = "utc")
     SchemaError
         Where the text is no ISO 8601 time, or the zone skips it.
     """
-    time_ns = int(timestamps([text], place, zone)[0][0])
+    time_ns = int(timestamps([text], where, zone)[0][0])
     return time_ns - leap_seconds(time_ns, scale) * NS_PER_S
 
 
 def timestamps(
-    texts: Iterable[str], place: str, zone: str = ""
+    texts: Iterable[str], where: str, zone: str = ""
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Return ISO 8601 times of samples, in the order they were taken, and what is to be said.
 
@@ -155,7 +155,7 @@ def timestamps(
     ----------
     texts
         One time each, n of them.
-    place, zone
+    where, zone
         As of :func:`parse_start`.
 
     Raises
@@ -163,28 +163,28 @@ def timestamps(
     SchemaError
         As :func:`parse_start`.
     """
-    known = zone_of(zone, f"{place}: zone") if zone else None
+    default_zone = zone_of(zone, f"{where}: zone") if zone else None
     stamp = ""
     first, second, leap = array("q"), array("q"), bytearray()
     for text in texts:
-        at = _at(text, known, place)
+        at = _at(text, default_zone, where)
         if at.second_ns >= 1 << 63:
-            raise SchemaError(f"{place}: expected times before the year 2262, found a later one")
+            raise SchemaError(f"{where}: expected times before the year 2262, found a later one")
         if at.first_ns < -1 << 63:
-            raise SchemaError(f"{place}: expected times after the year 1677, found an earlier one")
+            raise SchemaError(f"{where}: expected times after the year 1677, found an earlier one")
         stamp = stamp or at.civil.stamp.isoformat(sep=" ")
         first.append(at.first_ns)
         second.append(at.second_ns)
         leap.append(at.civil.leap)
     ways = (np.array(first, np.int64), np.array(second, np.int64))
-    times, remarks = _resolved(*ways, stamp, place)
-    own = np.frombuffer(leap, np.bool_)
-    leaps = np.cumsum(own) > 0
+    times, remarks = _resolved(*ways, stamp, where)
+    is_leap = np.frombuffer(leap, np.bool_)
+    leaps = np.cumsum(is_leap) > 0
     if leaps.any():
         # each text of the leap second has its own second already
-        times = times + NS_PER_S * (leaps & ~own)
+        times = times + NS_PER_S * (leaps & ~is_leap)
         remarks.append(
-            f"{place}: a leap second: what follows is a second ahead of unix time, without a break"
+            f"{where}: a leap second: what follows is a second ahead of unix time, without a break"
         )
     return times, remarks
 
@@ -216,7 +216,7 @@ def _offset(text: str) -> datetime.tzinfo:
     return datetime.timezone(datetime.timedelta(minutes=minutes if text[0] == "+" else -minutes))
 
 
-def _civil(text: str, place: str) -> Civil:
+def _civil(text: str, where: str) -> Civil:
     """Return a time as it is written."""
     match = _TEXT.fullmatch(text.strip())
     try:
@@ -231,21 +231,21 @@ def _civil(text: str, place: str) -> Civil:
         stamp = datetime.datetime.fromisoformat(f"{match['day']}T{clock}")
         zone = _offset(match["offset"]) if match["offset"] else None
     except (ValueError, OverflowError) as error:
-        raise SchemaError(f"{place}: expected an ISO 8601 time, found {text[:40]!r}") from error
+        raise SchemaError(f"{where}: expected an ISO 8601 time, found {text[:40]!r}") from error
     if zone is None and match["zone"]:
-        zone = zone_of(match["zone"], place)
+        zone = zone_of(match["zone"], where)
     digits = (match["fraction"] or "0")[:9].ljust(9, "0")
     return Civil(stamp, int(digits) + leap * NS_PER_S, zone, match["short"] or "", leap)
 
 
-def _at(text: str, known: datetime.tzinfo | None, place: str) -> _At:
+def _at(text: str, default_zone: datetime.tzinfo | None, where: str) -> _At:
     """Return a time in UTC, both ways where the clock was put back."""
-    civil = _civil(text, place)
-    zone = civil.zone or known
+    civil = _civil(text, where)
+    zone = civil.zone or default_zone
     if zone is None:
         if civil.short:
             raise SchemaError(
-                f'{place}: expected zone = "Europe/Paris" or the like in the map, as {civil.short} '
+                f'{where}: expected zone = "Europe/Paris" or the like in the map, as {civil.short} '
                 f"names no zone for sure, found none"
             )
         zone = datetime.UTC
@@ -253,12 +253,12 @@ def _at(text: str, known: datetime.tzinfo | None, place: str) -> _At:
     if civil.short:
         named = [w for fold, w in enumerate(ways) if _name(civil.stamp, zone, fold) == civil.short]
         if not named:
-            raise SchemaError(f"{place}: expected a time of {zone}, found {text[:40]!r}")
+            raise SchemaError(f"{where}: expected a time of {zone}, found {text[:40]!r}")
         ways = [named[0], named[0]]
     back = datetime.datetime.fromtimestamp(ways[0] / NS_PER_S, zone).replace(tzinfo=None)
     if back.replace(fold=0) != civil.stamp and ways[0] >= ways[1]:
         raise SchemaError(
-            f"{place}: expected a time that there is in {zone}, found {text[:40]!r}, which it "
+            f"{where}: expected a time that there is in {zone}, found {text[:40]!r}, which it "
             f'skips; a device that keeps its offset needs one, such as zone = "+01:00"'
         )
     first, second = (way + civil.late_ns for way in ways)
@@ -274,7 +274,7 @@ def _unix_ns(moment: datetime.datetime) -> int:
 
 
 def _resolved(
-    times: NDArray[np.int64], second: NDArray[np.int64], stamp: str, place: str
+    times: NDArray[np.int64], second: NDArray[np.int64], stamp: str, where: str
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Return times that go on, where summer time ends too; ``stamp`` is the first, as written."""
     twice = times != second
@@ -290,14 +290,14 @@ def _resolved(
     # It began within the hour that comes twice: only going on over its end can tell which it was.
     lead = int(np.argmin(twice)) if not twice.all() else len(times)
     if (times[:lead] != second[:lead]).all() and lead < len(times):
-        usual = float(np.median(np.diff(times[:lead]))) if lead > 1 else 0.0
-        if times[lead] - times[lead - 1] >= _HOUR_NS and usual < _HOUR_NS / 2:
+        median_ns = float(np.median(np.diff(times[:lead]))) if lead > 1 else 0.0
+        if times[lead] - times[lead - 1] >= _HOUR_NS and median_ns < _HOUR_NS / 2:
             times[:lead] = second[:lead]
         return times, []
     if (times[:lead] == second[:lead]).any():
         return times, []
     return times, [
-        f"{place}: {stamp} comes twice that day: taken as the first, in summer time; write the "
+        f"{where}: {stamp} comes twice that day: taken as the first, in summer time; write the "
         f'offset into the times, or zone = "+01:00", if it was the second'
     ]
 
@@ -306,32 +306,32 @@ def _resolved(
 _TIMED = frozenset({"audio"})
 
 
-def check_time(map_: ImportMap, stream: StreamMap, place: str) -> None:
+def check_time(map_: ImportMap, stream: StreamMap, where: str) -> None:
     """Refuse a stream without times, or with two kinds of them.
 
     Raises
     ------
     SchemaError
-        Names ``place`` in the map.
+        Names ``where`` in the map.
     """
-    own = (stream.time, stream.rate_hz) != (None, None)
-    time, rate = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
+    stream_has_time = (stream.time, stream.rate_hz) != (None, None)
+    time, rate = (stream.time, stream.rate_hz) if stream_has_time else (map_.time, map_.rate_hz)
     counter = stream.counter or map_.counter
     if map_.format in _TIMED:
         if (time, rate, counter) != (None, None, None):
-            raise SchemaError(f"{place}: expected the rate of the file, found one in the map")
+            raise SchemaError(f"{where}: expected the rate of the file, found one in the map")
     elif (time is None) == (rate is None):
-        found = "neither" if time is None else "both"
-        raise SchemaError(f"{place}: expected one of time and rate_hz, found {found}")
+        given = "neither" if time is None else "both"
+        raise SchemaError(f"{where}: expected one of time and rate_hz, found {given}")
     if rate is not None and not 0 < rate < 1e9:
-        raise SchemaError(f"{place}.rate_hz: expected a positive rate, found {rate}")
+        raise SchemaError(f"{where}.rate_hz: expected a positive rate, found {rate}")
     if counter is not None and not (counter.modulus is None or 1 < counter.modulus < 1 << 53):
-        raise SchemaError(f"{place}.counter.modulus: expected 2 or more, found {counter.modulus}")
+        raise SchemaError(f"{where}.counter.modulus: expected 2 or more, found {counter.modulus}")
     if counter is not None and time is not None and time.even:
-        raise SchemaError(f"{place}: expected one of counter and time.even, found both")
+        raise SchemaError(f"{where}: expected one of counter and time.even, found both")
     if time is not None and time.wraps is not None and (time.wraps <= 0 or time.unit == "iso"):
         raise SchemaError(
-            f"{place}.time.wraps: expected a positive number of a unit but iso, found {time.wraps}"
+            f"{where}.time.wraps: expected a positive number of a unit but iso, found {time.wraps}"
         )
 
 
@@ -400,7 +400,7 @@ class Counted:
 
     def line(self) -> str:
         """Return in words what the counter tells."""
-        said = [
+        phrases = [
             f"{self.lost} samples lost in {self.gaps} gaps" if self.lost else "no sample lost",
             *(
                 f"{count} {what}"
@@ -413,14 +413,14 @@ class Counted:
                 if count
             ),
         ]
-        return ", ".join(said)
+        return ", ".join(phrases)
 
 
 def count(
     values: NDArray[np.float64],
     modulus: int | None,
     times_ns: NDArray[np.int64] | None,
-    place: str,
+    where: str,
 ) -> Counted:
     """Return where samples lie on their grid.
 
@@ -435,7 +435,7 @@ def count(
         What it counts to; None where it does not wrap around.
     times_ns
         Of the host, shape (n,) [ns], or None.
-    place
+    where
         Named in errors.
 
     Raises
@@ -443,12 +443,12 @@ def count(
     SchemaError
         Where a value is no whole number, or beyond the modulus.
     """
-    whole = np.isfinite(values) & (np.rint(values) == values) & (np.abs(values) < 2**53)
-    inside = whole if modulus is None else whole & (values >= 0) & (values < modulus)
+    integral = np.isfinite(values) & (np.rint(values) == values) & (np.abs(values) < 2**53)
+    inside = integral if modulus is None else integral & (values >= 0) & (values < modulus)
     if not inside.all():
         wrong = values[int(np.argmin(inside))]
         limit = "" if modulus is None else f" of 0 to {modulus - 1}"
-        raise SchemaError(f"{place}: expected a counter with whole numbers{limit}, found {wrong:g}")
+        raise SchemaError(f"{where}: expected a counter with whole numbers{limit}, found {wrong:g}")
     counter = values.astype(np.int64)
     raw = np.diff(counter)
     steps = raw
@@ -485,11 +485,11 @@ def _expected(
     if times_ns is None or not len(steps):
         return None
     elapsed = np.diff(times_ns).astype(np.float64)
-    usual = steps == 1
-    if not usual.any() or elapsed[usual].sum() <= 0:
+    single = steps == 1
+    if not single.any() or elapsed[single].sum() <= 0:
         return None
     # the mean: a host that gets packets in bursts gives most of them no time at all
-    together = np.clip(elapsed[usual], 0, 20 * float(np.mean(np.maximum(elapsed[usual], 0))))
+    together = np.clip(elapsed[single], 0, 20 * float(np.mean(np.maximum(elapsed[single], 0))))
     return elapsed / max(float(np.mean(together)), 1.0)
 
 
@@ -513,7 +513,7 @@ def _restarts(
 
 
 def timed(
-    counted: Counted, times_ns: NDArray[np.int64] | None, rate_hz: float | None, place: str
+    counted: Counted, times_ns: NDArray[np.int64] | None, rate_hz: float | None, where: str
 ) -> tuple[Timing, str]:
     """Return the timing of counted samples, and in words what it rests on.
 
@@ -532,7 +532,7 @@ def timed(
     since = (times_ns[counted.rows] - start_ns).astype(np.float64)
     line = robust_line(counted.index.astype(np.float64), since)
     if not line.slope > 0:
-        raise SchemaError(f"{place}: expected times that go on with the counter, found others")
+        raise SchemaError(f"{where}: expected times that go on with the counter, found others")
     anchor_ns = start_ns + round(float(line.value(np.zeros(1))[0]))
     rate = NS_PER_S / line.slope
     nominal = float(round(rate)) if round(rate) and abs(rate / round(rate) - 1) < _NOMINAL else rate

@@ -78,19 +78,19 @@ class UnitWatch:
         for quantity, columns in self._vectors().items():
             values = block.samples[:: self._every, columns] * self.stream.scales[columns]
             lengths = np.linalg.norm(values, axis=1)
-            kept = self._lengths.setdefault(quantity, [])
-            kept.append(lengths[np.isfinite(lengths)])
-            self._count[quantity] = self._count.get(quantity, 0) + len(kept[-1])
+            parts = self._lengths.setdefault(quantity, [])
+            parts.append(lengths[np.isfinite(lengths)])
+            self._count[quantity] = self._count.get(quantity, 0) + len(parts[-1])
         if max(self._count.values(), default=0) > 2 * _KEPT:
             self._every *= 2
-            for quantity, kept in self._lengths.items():
-                self._lengths[quantity] = [np.concatenate(kept)[::2]]
+            for quantity, parts in self._lengths.items():
+                self._lengths[quantity] = [np.concatenate(parts)[::2]]
                 self._count[quantity] = len(self._lengths[quantity][0])
 
     def remarks(self) -> tuple[str, ...]:
         """Return one line for each quantity whose unit cannot be true."""
-        found = (self._remark(quantity, kept) for quantity, kept in self._lengths.items())
-        return tuple(line for line in found if line is not None)
+        lines = (self._remark(quantity, parts) for quantity, parts in self._lengths.items())
+        return tuple(line for line in lines if line is not None)
 
     def _vectors(self) -> dict[str, list[int]]:
         """Return the columns of each quantity in SI; a vector counts with all three axes only."""
@@ -104,8 +104,8 @@ class UnitWatch:
             if len(columns) == (1 if quantity == "pressure" else 3)
         }
 
-    def _remark(self, quantity: str, kept: Sequence[NDArray[np.float64]]) -> str | None:
-        lengths = np.concatenate(kept)
+    def _remark(self, quantity: str, parts: Sequence[NDArray[np.float64]]) -> str | None:
+        lengths = np.concatenate(parts)
         if len(lengths) < _ENOUGH or not lengths.any():
             return None
         range_ = RANGES[quantity]

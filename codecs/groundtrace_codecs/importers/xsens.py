@@ -115,16 +115,16 @@ class XsensImporter:
                 f"found {', '.join(devices)}"
             )
         times, remarks = packet_times([(f.table, f.rate_hz) for f in files])
-        found: list[Sampled] = []
+        streams: list[Sampled] = []
         warnings: list[str] = []
         for file, when in zip(files, times, strict=True):
             suffix = f"/{file.device}" if len(files) > 1 else ""
-            found += _streams(file.table, when, suffix, warnings)
-        if not found:
+            streams += _streams(file.table, when, suffix, warnings)
+        if not streams:
             raise FormatError(f"{paths[0].name}: expected columns with samples, found none")
-        if any(each.channels[0].quantity == _MAG for each in found):
+        if any(each.channels[0].quantity == _MAG for each in streams):
             remarks = (*remarks, _NOT_TESLA)
-        return replace(together(found, warnings=tuple(warnings)), remarks=remarks)
+        return replace(together(streams, warnings=tuple(warnings)), remarks=remarks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ def _streams(
     table: TextTable, when: PacketTimes, suffix: str, warnings: list[str]
 ) -> list[Sampled]:
     """Return the streams of a table; adds a line for each thing to know."""
-    found: dict[str, Sampled] = {}
+    streams: dict[str, Sampled] = {}
     used = set(when.columns)
     for topic, columns in STREAMS:
         names = [name for name, _ in columns]
@@ -167,18 +167,18 @@ def _streams(
             continue
         used |= set(names)
         values = stacked([table.numbers(name) for name in names])
-        kept = np.concatenate([_there(values[rows], topic) for rows in pieces(len(values))])
-        if not kept.any():
+        valid = np.concatenate([_there(values[rows], topic) for rows in pieces(len(values))])
+        if not valid.any():
             continue
         channels = tuple(channel for _, channel in columns)
         each = Sampled(topic + suffix, "", channels, when.times_ns, values)
-        each = each if kept.all() else each.only(np.flatnonzero(kept))
-        found[topic] = replace(each, channels=tuple(_channel(c, each.values) for c in channels))
+        each = each if valid.all() else each.only(np.flatnonzero(valid))
+        streams[topic] = replace(each, channels=tuple(_channel(c, each.values) for c in channels))
     warnings += [f"{table.name}: {line}" for line in when.warnings]
     others = [name for name in table.header if name and name not in used]
     if others:
         warnings.append(f"{table.name}: left out: {', '.join(others)}")
-    return list(found.values())
+    return list(streams.values())
 
 
 def _there(values: NDArray[np.float64], topic: str) -> NDArray[np.bool_]:
@@ -240,7 +240,7 @@ def packet_times(
         Where a file has neither ``SampleTimeFine`` nor a rate.
     """
     origin: int | None = None
-    found, loose = [], 0
+    timings, loose = [], 0
     for table, rate_hz in files:
         counter = _counter(table)
         if counter is not None and origin is None:
@@ -251,13 +251,13 @@ def packet_times(
             row, utc_ns = utc
             times = times - times[row] + utc_ns
         loose += utc is None
-        found.append(PacketTimes(times, _time_columns(table), _losses(counter)))
+        timings.append(PacketTimes(times, _time_columns(table), _losses(counter)))
     assumed = []
     if loose:
         assumed.append("the files do not tell the date: the clock is not that of the calendar")
     if loose > 1:
         assumed.append(f"{loose} files are put together by their packet counters")
-    return found, tuple(assumed)
+    return timings, tuple(assumed)
 
 
 def _counter(table: TextTable) -> NDArray[np.int64] | None:
@@ -301,15 +301,15 @@ def _ticks_hz(ticks: NDArray[np.int64], rate_hz: float | None) -> int:
     steps = np.diff(ticks)
     if rate_hz is None or not (steps > 0).any():
         return TICKS_HZ[0]
-    told = float(np.median(steps[steps > 0])) * rate_hz
-    return min(TICKS_HZ, key=lambda hz: abs(np.log(told / hz)))
+    estimate_hz = float(np.median(steps[steps > 0])) * rate_hz
+    return min(TICKS_HZ, key=lambda hz: abs(np.log(estimate_hz / hz)))
 
 
 def _time_columns(table: TextTable) -> tuple[str, ...]:
     """Return the names of the columns that are about time."""
     parts = ("Year", "Month", "Day", "Hour", "Minute", "Second", "Nano", "Valid")
-    known = {*_COUNTERS, _FINE, *parts, *(f"UTC_{part}" for part in parts)}
-    return tuple(name for name in table.header if name in known)
+    names = {*_COUNTERS, _FINE, *parts, *(f"UTC_{part}" for part in parts)}
+    return tuple(name for name in table.header if name in names)
 
 
 def _utc(table: TextTable) -> tuple[int, int] | None:
@@ -322,13 +322,13 @@ def _utc(table: TextTable) -> tuple[int, int] | None:
     columns = [table.numbers(n)[:] for n in names]
     none = np.zeros(len(table.lines))
     columns += [table.numbers(n)[:] if n in table.header else none for n in more]
-    valid = f"{prefix}Valid"
-    told = np.isfinite(columns).all(axis=0) & (columns[0] > 1970)
-    if valid in table.header:
-        told &= np.nan_to_num(table.numbers(valid)[:]) > 0
-    if not told.any():
+    valid_column = f"{prefix}Valid"
+    valid = np.isfinite(columns).all(axis=0) & (columns[0] > 1970)
+    if valid_column in table.header:
+        valid &= np.nan_to_num(table.numbers(valid_column)[:]) > 0
+    if not valid.any():
         return None
-    row = int(np.argmax(told))
+    row = int(np.argmax(valid))
     year, month, day, second, hour, minute, nano = (float(column[row]) for column in columns)
     try:
         date = datetime.datetime(int(year), int(month), int(day), tzinfo=datetime.UTC)
@@ -337,8 +337,8 @@ def _utc(table: TextTable) -> tuple[int, int] | None:
         raise FormatError(
             f"{table.name}: line {line}: {names[0]}: expected a date, found: {error}"
         ) from error
-    whole = round(date.timestamp()) + int(hour) * 3600 + int(minute) * 60
-    return row, whole * NS_PER_S + round(second * NS_PER_S) + int(nano)
+    minute_start_s = round(date.timestamp()) + int(hour) * 3600 + int(minute) * 60
+    return row, minute_start_s * NS_PER_S + round(second * NS_PER_S) + int(nano)
 
 
 def _losses(counter: NDArray[np.int64] | None) -> tuple[str, ...]:

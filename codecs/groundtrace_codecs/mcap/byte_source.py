@@ -91,21 +91,21 @@ class FileBytes:
         if wanted <= 0:
             return b""
         try:
-            found = self._read(offset, wanted)
-            while len(found) < wanted:  # two gigabytes at most come at once
-                more = self._read(offset + len(found), wanted - len(found))
+            content = self._read(offset, wanted)
+            while len(content) < wanted:  # two gigabytes at most come at once
+                more = self._read(offset + len(content), wanted - len(content))
                 if not more:
                     size = os.fstat(self._file.fileno()).st_size
                     raise CodecError(
                         f"{self.name}: expected a file that stays as it is while it is read, "
                         f"found {size} bytes of {self.size}"
                     )
-                found += more
+                content += more
         except OSError as error:
             raise CodecError(
                 f"{self.name}: byte {offset}: expected bytes to read, found: {error.strerror}"
             ) from error
-        return found
+        return content
 
     def _read(self, offset: int, length: int) -> bytes:
         with self._lock:  # Windows has no reads at a place
@@ -171,7 +171,7 @@ TIMEOUT_S = 30.0
 PAUSES_S = (0.5, 2.0)
 
 
-def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
+def open_bytes(location: str | Path) -> FileBytes | RemoteBytes:
     """Open a local file or what is behind a URL.
 
     Raises
@@ -181,7 +181,7 @@ def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
     CodecError
         If what is behind a URL cannot be read.
     """
-    return RemoteBytes(Location(place)) if is_url(place) else FileBytes(place)
+    return RemoteBytes(Location(location)) if is_url(location) else FileBytes(location)
 
 
 class RemoteBytes:
@@ -250,14 +250,14 @@ class RemoteBytes:
         return self._digest.hexdigest()
 
     def _blocks(self, first: int, last: int) -> list[bytes]:
-        found: list[bytes] = []
+        blocks: list[bytes] = []
         for number in range(first, last + 1):
             if number not in self._kept:
                 # blocks that were found already may be forgotten to make place for new ones
                 self._fetch(number, last)
             self._kept.move_to_end(number)
-            found.append(self._kept[number])
-        return found
+            blocks.append(self._kept[number])
+        return blocks
 
     def _fetch(self, first: int, last: int) -> None:
         """Fetch a block and those after it: as far as asked for, or further where reads run on."""
@@ -291,24 +291,24 @@ class RemoteBytes:
             file.seek(start)
             return bytes(file.read(stop - start))
 
-        place = f"bytes {start} to {stop}"
-        data = self._asked(place, read)
+        where = f"bytes {start} to {stop}"
+        data = self._asked(where, read)
         self.requests += 1
         self.fetched_bytes += len(data)
         if len(data) != stop - start:
             raise CodecError(
-                f"{self.name}: {place}: expected {stop - start} bytes, found {len(data)}"
+                f"{self.name}: {where}: expected {stop - start} bytes, found {len(data)}"
             )
         return data
 
-    def _asked(self, place: str, ask: Callable[[], T]) -> T:
+    def _asked(self, where: str, ask: Callable[[], T]) -> T:
         """Ask the file system, again after a pause where that may help."""
         for pause_s in (*PAUSES_S, None):
             try:
                 return ask()
             except Exception as error:  # a file system raises whatever its packages raise
                 if pause_s is None or not _passing(error):
-                    raise _unreachable(self.name, place, error) from error
+                    raise _unreachable(self.name, where, error) from error
                 time.sleep(pause_s)
         raise AssertionError("unreachable")
 
@@ -338,8 +338,8 @@ def file_system(location: Location) -> tuple[Any, str]:
         options = {"client_kwargs": _timeouts()} if location.startswith("http") else {}
         system, path = url_to_fs(location.opened_by(), **options)
     except (ImportError, ValueError) as error:
-        said = without_secrets(str(error))
-        raise CodecError(f"{location}: expected a URL to read, found: {said}") from error
+        reason = without_secrets(str(error))
+        raise CodecError(f"{location}: expected a URL to read, found: {reason}") from error
     return system, str(path)
 
 
@@ -354,8 +354,8 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 def _status(error: BaseException) -> int:
     """Return the status that an HTTP server answered with; 404 of what is not there, 403, 0."""
     for cause in _causes(error):
-        if isinstance(found := getattr(cause, "status", None), int):
-            return found
+        if isinstance(http_status := getattr(cause, "status", None), int):
+            return http_status
     kinds = {FileNotFoundError: 404, PermissionError: 403}
     return next((status for kind, status in kinds.items() if isinstance(error, kind)), 0)
 
@@ -379,15 +379,15 @@ def _passing(error: BaseException) -> bool:
     return status == HTTPStatus.TOO_MANY_REQUESTS or status >= 500 or bool(_unanswered(error))
 
 
-def _unreachable(name: str, place: str, error: Exception) -> CodecError:
+def _unreachable(name: str, where: str, error: Exception) -> CodecError:
     status, text = _status(error), str(error).partition("\n")[0]
-    said = {401: "no access (401)", 403: "no access (403)", 404: "no such file"}.get(status, "")
+    reason = {401: "no access (401)", 403: "no access (403)", 404: "no such file"}.get(status, "")
     if status == 404 and ("bucket" in text or "key" in text):  # an object store tells which
-        said = text
-    if not said and status >= 500:
-        said = f"a server that fails ({status})"
-    if not said and "range requests" in text:
-        said = "a server that gives no ranges"
-    if not said or (status == 404 and _unanswered(error)):
-        said = _unanswered(error) or without_secrets(text) or type(error).__name__
-    return CodecError(f"{name}: {place}: expected bytes to read, found: {without_secrets(said)}")
+        reason = text
+    if not reason and status >= 500:
+        reason = f"a server that fails ({status})"
+    if not reason and "range requests" in text:
+        reason = "a server that gives no ranges"
+    if not reason or (status == 404 and _unanswered(error)):
+        reason = _unanswered(error) or without_secrets(text) or type(error).__name__
+    return CodecError(f"{name}: {where}: expected bytes to read, found: {without_secrets(reason)}")

@@ -67,18 +67,18 @@ def message_places(records: memoryview, define: Callable[[int], int]) -> NDArray
     struct.error
         If the last one is cut by the chunk's end.
     """
-    found: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
+    offsets: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
     position, end, look = 0, len(records), _LOOK
     while position < end:
         single, position = _one_by_one(records, position, look, define)
-        found.append(single)
+        offsets.append(single)
         if len(single) == look:
             strides, position = _repeated(records, single, position)
-            found.append(strides)
+            offsets.append(strides)
             look = _LOOK if len(strides) else 2 * look
     if position != end:
         raise MalformedError(f"expected records of {end} bytes, found {position}")
-    return np.concatenate(found)
+    return np.concatenate(offsets)
 
 
 def _one_by_one(
@@ -87,9 +87,9 @@ def _one_by_one(
     """Walk until the end, or until ``most`` messages are found; return them and where it ends."""
     # The hot loop: no call a message but unpack and append.
     unpack, head, end = RECORD_HEAD.unpack_from, RECORD_HEAD.size, len(records)
-    found: list[int] = []
-    keep = found.append
-    while position < end and len(found) < most:
+    offsets: list[int] = []
+    keep = offsets.append
+    while position < end and len(offsets) < most:
         opcode, length = unpack(records, position)
         if opcode != MESSAGE:
             position = define(position)
@@ -99,7 +99,7 @@ def _one_by_one(
         keep(position)
         position += head + length
     # a length may be of any size, and then ends the walk
-    return np.array(found, np.int64), position
+    return np.array(offsets, np.int64), position
 
 
 def _repeated(
@@ -161,9 +161,9 @@ def indexed_times(source: ByteSource, offset: int) -> Iterator[tuple[int, NDArra
         except MalformedError:
             return
         offset += RECORD_HEAD.size + len(content)
-        whole = entries[: len(entries) // U64_U64.size * U64_U64.size]
-        found = np.frombuffer(whole, "<u8").astype(np.int64).reshape(-1, 2)
-        yield channel_id, found[np.argsort(found[:, 1], kind="stable")]
+        complete = entries[: len(entries) // U64_U64.size * U64_U64.size]
+        rows = np.frombuffer(complete, "<u8").astype(np.int64).reshape(-1, 2)
+        yield channel_id, rows[np.argsort(rows[:, 1], kind="stable")]
 
 
 def indexed_messages(source: ByteSource, offset: int) -> IndexedMessages:
@@ -441,9 +441,9 @@ def read_record(source: ByteSource, offset: int, opcode: int) -> memoryview:
     head = source.read_at(offset, RECORD_HEAD.size)
     if len(head) < RECORD_HEAD.size:
         raise MalformedError(f"expected a record, found the end of the file at {source.size}")
-    found, length = RECORD_HEAD.unpack(head)
-    if found != opcode:
-        raise MalformedError(f"expected opcode 0x{opcode:02x}, found 0x{found:02x}")
+    actual, length = RECORD_HEAD.unpack(head)
+    if actual != opcode:
+        raise MalformedError(f"expected opcode 0x{opcode:02x}, found 0x{actual:02x}")
     start = offset + RECORD_HEAD.size
     room = min(source.size - start, MAX_RECORD_BYTES)
     if length > room:
@@ -623,18 +623,18 @@ class ChunkReader:
         """
         try:
             places = message_places(records, partial(self._define, records))
-            found = MessageTable.at(records, places)
+            table = MessageTable.at(records, places)
         except struct.error as error:
             raise MalformedError(
                 "expected whole records, found one cut by the chunk's end"
             ) from error
-        counts = found.counts()
+        counts = table.counts()
         chosen = [i for i in counts if i in wanted]
         if len(chosen) < len(counts):
-            found = found.of_channels(chosen)
-        known = self.definitions.channels
-        strays = sum(n for i, n in counts.items() if i not in wanted and i not in known)
-        return found.between(start_ns, stop_ns).in_order(), strays
+            table = table.of_channels(chosen)
+        defined = self.definitions.channels
+        strays = sum(n for i, n in counts.items() if i not in wanted and i not in defined)
+        return table.between(start_ns, stop_ns).in_order(), strays
 
     def _define(self, records: memoryview, position: int) -> int:
         opcode, length = RECORD_HEAD.unpack_from(records, position)
@@ -656,8 +656,8 @@ class ChunkReader:
         if len(records) != size:
             raise MalformedError(f"expected {size} uncompressed bytes, found {len(records)}")
         # A CRC of 0 means that the writer kept none (MCAP specification, "Chunk").
-        if crc and (found := zlib_ng.crc32(records)) != crc:
-            raise MalformedError(f"expected chunk CRC 0x{crc:08x}, found 0x{found:08x}")
+        if crc and (actual_crc := zlib_ng.crc32(records)) != crc:
+            raise MalformedError(f"expected chunk CRC 0x{crc:08x}, found 0x{actual_crc:08x}")
         return records
 
     def _decompress(self, compression: str, packed: memoryview, size: int) -> memoryview:
@@ -817,17 +817,17 @@ class MessageTable(Sequence[Message]):
     def counts(self) -> Counter[int]:
         """Return how many messages each channel has here, of those that have any, in order."""
         numbers = np.bincount(self.rows["channel_id"])
-        own = np.flatnonzero(numbers)
-        return Counter(dict(zip(own.tolist(), numbers[own].tolist(), strict=True)))
+        ids = np.flatnonzero(numbers)
+        return Counter(dict(zip(ids.tolist(), numbers[ids].tolist(), strict=True)))
 
     def of_channels(self, ids: Sequence[int]) -> MessageTable:
         """Return the messages of some channels."""
         if not len(ids):
             return self[:0]
-        own = self.rows["channel_id"] == ids[0]
+        selected = self.rows["channel_id"] == ids[0]
         for channel_id in ids[1:]:
-            own |= self.rows["channel_id"] == channel_id
-        return self.where(own)
+            selected |= self.rows["channel_id"] == channel_id
+        return self.where(selected)
 
     def as_logged(self) -> MessageTable:
         """Return the messages of a file with the log times of their records, in the order here."""
@@ -904,7 +904,7 @@ class MessageTable(Sequence[Message]):
         ends = [*np.flatnonzero(np.diff(pieces)) + 1, len(rows)]
         if len(ends) == 1:
             return copied(self.pieces[pieces[0]], starts, size)
-        found = np.empty(len(rows), f"V{size}")
+        payloads = np.empty(len(rows), f"V{size}")
         for begin, end in pairwise([0, *ends]):
-            found[begin:end] = copied(self.pieces[pieces[begin]], starts[begin:end], size)
-        return found
+            payloads[begin:end] = copied(self.pieces[pieces[begin]], starts[begin:end], size)
+        return payloads

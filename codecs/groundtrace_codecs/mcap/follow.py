@@ -180,8 +180,8 @@ class PipeBytes:
         """
         with self._changed:
             if self._refused is not None:
-                said = self._refused.strerror
-                raise CodecError(f"{self.name}: expected bytes to read, found: {said}")
+                reason = self._refused.strerror
+                raise CodecError(f"{self.name}: expected bytes to read, found: {reason}")
             size = self._start + len(self._kept)
         grown, self.size = size > self.size, size
         return grown
@@ -337,12 +337,12 @@ class FollowedFile:
 
     def _settled(self) -> Iterator[MessageTable]:
         """Yield what arrived, but for the newest, which others may still come before."""
-        held = MessageTable.joined([self._held, *self._arrived]).in_order()
+        buffered = MessageTable.joined([self._held, *self._arrived]).in_order()
         self._arrived.clear()
-        settled = held.before(int(held.rows["log_time"][-1]) - LATE_NS)
-        self._held = MessageTable.of(held[settled:])  # a slice would keep all chunks before it
+        settled = buffered.before(int(buffered.rows["log_time"][-1]) - LATE_NS)
+        self._held = MessageTable.of(buffered[settled:])  # a slice would keep all chunks before it
         if settled:
-            yield held[:settled]
+            yield buffered[:settled]
 
     def _went_on(self) -> None:
         """Take notice that the writer has written."""
@@ -358,8 +358,8 @@ class FollowedFile:
             self._stalled = True
             self._tell(f"{self._source.name}: {self._pending()} for {STALL_S:g} s; still waiting")
         if self._held and waited_s >= LATE_NS / NS_PER_S:
-            held, self._held = self._held, MessageTable.none()
-            yield held
+            buffered, self._held = self._held, MessageTable.none()
+            yield buffered
         self._stop.wait(POLL_S)
 
     def _pending(self) -> str:

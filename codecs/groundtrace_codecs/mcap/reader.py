@@ -109,17 +109,19 @@ class _Part:
         self._ids = segment.ids
         self.wanted = wanted
         if self._ids is not None:
-            self.wanted = {own for own, whole in self._ids.items() if whole in wanted}
+            self.wanted = {
+                part_id for part_id, joined_id in self._ids.items() if joined_id in wanted
+            }
 
-    def in_whole(self, found: MessageTable) -> MessageTable:
+    def in_whole(self, table: MessageTable) -> MessageTable:
         """Give messages the channel ids of the whole."""
         ids = self._ids
-        if ids is None or not len(found):
-            return found
-        rows = found.rows.copy()
-        own, places = np.unique(rows["channel_id"], return_inverse=True)
-        rows["channel_id"] = np.array([ids[i] for i in own.tolist()])[places]
-        return MessageTable(found.pieces, rows).in_order()
+        if ids is None or not len(table):
+            return table
+        rows = table.rows.copy()
+        part_ids, places = np.unique(rows["channel_id"], return_inverse=True)
+        rows["channel_id"] = np.array([ids[i] for i in part_ids.tolist()])[places]
+        return MessageTable(table.pieces, rows).in_order()
 
 
 class McapFile:
@@ -286,11 +288,11 @@ class McapFile:
 
         def load(entry: ChunkEntry, floor_ns: int) -> MessageTable:
             if clock is None:
-                found = self._load(parts[entry.segment], entry, low, high)
+                table = self._load(parts[entry.segment], entry, low, high)
             else:
-                found = clock.read(entry, self._load(parts[entry.segment], entry, *ANY_TIME))
-                found = found.between(low, high).in_order()
-            return self._in_time(entry, found, floor_ns)
+                table = clock.read(entry, self._load(parts[entry.segment], entry, *ANY_TIME))
+                table = table.between(low, high).in_order()
+            return self._in_time(entry, table, floor_ns)
 
         room_bytes = max(_OVERLAP_BYTES, _OVERLAP_RATIO * self._source.size)
         return merge(chunks, load, self._refuse, room_bytes)
@@ -305,11 +307,11 @@ class McapFile:
 
         In the order of the file; nothing where the index does not say it.
         """
-        own = [c for c in self._chunks if c.channel_ids is None or channel_id in c.channel_ids]
-        found = [(c, n) for c in own for i, n in c.counts if i == channel_id]
-        whole = sum(n for _, n in found) == self.message_counts.get(channel_id)
-        sure = self.indexed and len(self._segments) == 1 and whole and len(found) == len(own)
-        return tuple(sorted(found, key=lambda pair: pair[0].offset)) if sure else ()
+        chunks = [c for c in self._chunks if c.channel_ids is None or channel_id in c.channel_ids]
+        counts = [(c, n) for c in chunks for i, n in c.counts if i == channel_id]
+        complete = sum(n for _, n in counts) == self.message_counts.get(channel_id)
+        sure = self.indexed and len(self._segments) == 1 and complete and len(counts) == len(chunks)
+        return tuple(sorted(counts, key=lambda pair: pair[0].offset)) if sure else ()
 
     def chunk(self, entry: ChunkEntry, channel_id: int) -> MessageTable:
         """Return the messages of a channel in one chunk, by log time."""
@@ -333,8 +335,8 @@ class McapFile:
             checked = record[: fields.position]
             (crc,) = fields.unpack(U32)
             # As with chunks, 0 means that the writer kept none.
-            if crc and (found := zlib_ng.crc32(checked)) != crc:
-                raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{found:08x}")
+            if crc and (actual_crc := zlib_ng.crc32(checked)) != crc:
+                raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{actual_crc:08x}")
         except MalformedError as error:
             raise FormatError(f"{self.name}: attachment {ref.name!r}: {error}") from error
         return bytes(data)
@@ -352,9 +354,9 @@ class McapFile:
             (expected,) = Fields(read_record(self._source, end, DATA_END)).unpack(U32)
         except MalformedError:  # the summary does not follow the data at once
             return
-        if expected and (found := crc32_of(self._source, 0, end)) != expected:
+        if expected and (actual_crc := crc32_of(self._source, 0, end)) != expected:
             reason = (
-                f"data section: expected CRC 0x{expected:08x}, found 0x{found:08x}: metadata, "
+                f"data section: expected CRC 0x{expected:08x}, found 0x{actual_crc:08x}: metadata, "
                 f"definitions or indexes were changed"
             )
             self._note(Damage(0, end, None, None, 0, reason))
@@ -379,22 +381,22 @@ class McapFile:
         """Give the wanted messages of one chunk; none, and a note, if it is damaged."""
         try:
             records = self._loader.records(part.reader, entry, self._note)
-            found, strays = part.reader.messages(records, part.wanted, low, high)
+            table, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
             self._refuse(entry, error)
             return MessageTable.none()
         if strays:
             self._lost(entry, strays, gap_reason(entry))
-        return part.in_whole(found)
+        return part.in_whole(table)
 
-    def _in_time(self, entry: ChunkEntry, found: MessageTable, floor_ns: int) -> MessageTable:
+    def _in_time(self, entry: ChunkEntry, table: MessageTable, floor_ns: int) -> MessageTable:
         """Leave out what would go back in time because the chunk states too late a start."""
-        late = found.before(floor_ns)
+        late = table.before(floor_ns)
         if not late:
-            return found
-        reason = f"chunk: expected log times from {entry.start_ns}, found {found[0].log_time}"
+            return table
+        reason = f"chunk: expected log times from {entry.start_ns}, found {table[0].log_time}"
         self._lost(entry, late, reason)
-        return found[late:]
+        return table[late:]
 
     def _refuse(self, entry: ChunkEntry, error: MalformedError) -> None:
         """Note that a chunk is left out as a whole."""
@@ -510,18 +512,18 @@ def _from_scan(source: ByteSource) -> FileIndex:
     damage: list[Damage] = []
     profile, library = _header(source, damage)
     scans, several = distinct(source, front_scan(source))
-    whole = join(scans)
+    joined = join(scans)
     return FileIndex(
         profile,
         library,
-        whole.definitions,
-        whole.segments,
-        _in_order(whole.chunks),
+        joined.definitions,
+        joined.segments,
+        _in_order(joined.chunks),
         tuple(ref for scan in scans for ref in scan.attachments),
         tuple(record for scan in scans for record in scan.metadata),
-        whole.counts,
-        min((chunk.start_ns for chunk in whole.chunks), default=0),
-        max((chunk.end_ns for chunk in whole.chunks), default=0),
+        joined.counts,
+        min((chunk.start_ns for chunk in joined.chunks), default=0),
+        max((chunk.end_ns for chunk in joined.chunks), default=0),
         indexed=False,
         damage=(*damage, *(d for scan in scans for d in scan.damage), *several),
     )
@@ -540,7 +542,7 @@ def _metadata(
     source: ByteSource, spans: list[tuple[int, int, str]], damage: list[Damage]
 ) -> list[MetadataRecord]:
     """Return the records of an index; one that is not as long or called as it says is damage."""
-    found = []
+    records = []
     for offset, length, name in spans:
         try:
             content = read_record(source, offset, METADATA)
@@ -550,10 +552,10 @@ def _metadata(
                 raise MalformedError(
                     f"expected {name!r} of {length} bytes, found {record.name!r} of {size}"
                 )
-            found.append(record)
+            records.append(record)
         except MalformedError as error:
             damage.append(Damage(offset, length, None, None, 0, f"metadata: {error}"))
-    return found
+    return records
 
 
 def _in_order(chunks: list[ChunkEntry]) -> tuple[ChunkEntry, ...]:
@@ -702,8 +704,8 @@ def _summary_span(source: ByteSource) -> tuple[int, int] | None:
         return None
     if not len(MAGIC) <= start <= stop:
         raise MalformedError(f"expected its start from {len(MAGIC)} to {stop}, found {start}")
-    if crc and (found := crc32_of(source, start, source.size - len(MAGIC) - U32.size)) != crc:
-        raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{found:08x}")
+    if crc and (actual_crc := crc32_of(source, start, source.size - len(MAGIC) - U32.size)) != crc:
+        raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{actual_crc:08x}")
     return start, stop
 
 
@@ -824,9 +826,9 @@ class ChunkLoader:
 
     def _unindexed_chunks(self) -> tuple[ChunkEntry, ...]:
         if self._scanned is None:
-            known = {chunk.offset for chunk in self._chunks}
-            found = front_scan(self._source)[0].chunks
-            self._scanned = tuple(c for c in found if not c.bare and c.offset not in known)
+            indexed = {chunk.offset for chunk in self._chunks}
+            chunks = front_scan(self._source)[0].chunks
+            self._scanned = tuple(c for c in chunks if not c.bare and c.offset not in indexed)
         return self._scanned
 
 
@@ -867,20 +869,20 @@ def merge(
     """
     left: list[_Left] = []
     floor_ns = 0
-    for place, chunk in enumerate(chunks):
-        found = load(chunk, floor_ns)
-        taken = found.nbytes + sum(run.nbytes for _, _, run in left)
+    for index, chunk in enumerate(chunks):
+        table = load(chunk, floor_ns)
+        taken = table.nbytes + sum(run.nbytes for _, _, run in left)
         if left and taken > room_bytes:
-            found = _NONE
-            said = f"expected overlapping chunks of at most {room_bytes} bytes, found {taken}"
-            refuse(chunk, MalformedError(said))
-        _keep(left, chunk.offset, found)
-        following = chunks[place + 1 : place + 2]
-        found = _due(left, following[0].start_ns if following else _NEVER_NS)
-        if found:
-            floor_ns = int(found.rows["log_time"][-1])
-            yield found
-        del found  # its memory is wanted for the next chunk
+            table = _NONE
+            reason = f"expected overlapping chunks of at most {room_bytes} bytes, found {taken}"
+            refuse(chunk, MalformedError(reason))
+        _keep(left, chunk.offset, table)
+        following = chunks[index + 1 : index + 2]
+        table = _due(left, following[0].start_ns if following else _NEVER_NS)
+        if table:
+            floor_ns = int(table.rows["log_time"][-1])
+            yield table
+        del table  # its memory is wanted for the next chunk
 
 
 def _keep(left: list[_Left], offset: int, run: MessageTable) -> None:
@@ -890,13 +892,13 @@ def _keep(left: list[_Left], offset: int, run: MessageTable) -> None:
 
 def _due(left: list[_Left], stop_ns: int) -> MessageTable:
     """Take out the messages before a time [ns], in order."""
-    due: dict[int, MessageTable] = {}
+    runs: dict[int, MessageTable] = {}
     while left and left[0][0] < stop_ns:
         _, offset, run = heappop(left)
         stop = run.before(stop_ns)
-        due[offset] = run[:stop]
+        runs[offset] = run[:stop]
         _keep(left, offset, run[stop:])
-    parts = [due[offset] for offset in sorted(due)]
+    parts = [runs[offset] for offset in sorted(runs)]
     return MessageTable.joined(parts).in_order() if len(parts) > 1 else (parts or [_NONE])[0]
 
 
@@ -941,27 +943,27 @@ class Joined:
 def distinct(source: ByteSource, scans: Sequence[Scan]) -> tuple[list[Scan], list[Damage]]:
     """Leave out scans of the same bytes as an earlier one; say where each file begins."""
     seen: dict[tuple[int, int], int] = {}
-    kept, damage = [], []
+    unique, damage = [], []
     for scan in scans:
         length = scan.stop - scan.start
         # one file alone has nothing to be compared with
         key = (length, crc32_of(source, scan.start, scan.stop) if len(scans) > 1 else 0)
         first = seen.setdefault(key, scan.start)
         if first == scan.start:
-            kept.append(scan)
+            unique.append(scan)
         if scan.start:
-            found = "another begins; both are read" if first == scan.start else "a copy of it"
-            reason = f"files: expected the end of the file, found {found}"
+            actual = "another begins; both are read" if first == scan.start else "a copy of it"
+            reason = f"files: expected the end of the file, found {actual}"
             damage.append(Damage(scan.start, length, None, None, 0, reason))
-    return kept, damage
+    return unique, damage
 
 
 def join(scans: Sequence[Scan]) -> Joined:
     """Put scans together; the first keeps its ids."""
-    whole = Definitions()
+    joined = Definitions()
     segments, chunks, counts = [], [], Counter[int]()
     for number, scan in enumerate(scans):
-        ids = _added(whole, scan.definitions)
+        ids = _added(joined, scan.definitions)
         same = all(old == new for old, new in ids.items())
         segments.append(Segment(scan.definitions, None if same else ids))
         for chunk in scan.chunks:
@@ -969,34 +971,34 @@ def join(scans: Sequence[Scan]) -> Joined:
             chunks.append(replace(chunk, channel_ids=channels, segment=number))
         for channel, messages in scan.message_counts().items():
             counts[ids[channel]] += messages
-    return Joined(tuple(segments), whole, chunks, dict(counts))
+    return Joined(tuple(segments), joined, chunks, dict(counts))
 
 
-def _added(whole: Definitions, part: Definitions) -> dict[int, int]:
+def _added(joined: Definitions, part: Definitions) -> dict[int, int]:
     """Add the definitions of one file; give the new id of each of its channels."""
-    schemas, earlier = {0: 0}, dict(whole.schemas)
+    schemas, earlier = {0: 0}, dict(joined.schemas)
     for schema in part.schemas.values():
-        alike = (s.id for s in earlier.values() if replace(s, id=schema.id) == schema)
-        schemas[schema.id] = new = _new_id(whole.schemas, schema.id, alike)
-        whole.schemas[new] = replace(schema, id=new)
-    ids, before = dict[int, int](), dict(whole.channels)
+        equal_ids = (s.id for s in earlier.values() if replace(s, id=schema.id) == schema)
+        schemas[schema.id] = new = _new_id(joined.schemas, schema.id, equal_ids)
+        joined.schemas[new] = replace(schema, id=new)
+    ids, before = dict[int, int](), dict(joined.channels)
     for channel in part.channels.values():
         moved = replace(channel, schema_id=schemas[channel.schema_id])
         # two channels of one file stay two, even where they say the same
-        alike = (c.id for c in before.values() if replace(c, id=channel.id) == moved)
+        equal_ids = (c.id for c in before.values() if replace(c, id=channel.id) == moved)
         ids[channel.id] = new = _new_id(
-            whole.channels, channel.id, (i for i in alike if i not in ids.values())
+            joined.channels, channel.id, (i for i in equal_ids if i not in ids.values())
         )
-        whole.channels[new] = replace(moved, id=new)
+        joined.channels[new] = replace(moved, id=new)
     return ids
 
 
-def _new_id(known: Mapping[int, object], wanted: int, alike: Iterable[int]) -> int:
+def _new_id(taken: Mapping[int, object], wanted: int, equal_ids: Iterable[int]) -> int:
     """Give the id of the same thing, the wanted one if it is free, or the next free one."""
-    found = next(iter(alike), None)
-    if found is not None:
-        return found
-    return wanted if wanted not in known else next(i for i in count(1) if i not in known)
+    existing = next(iter(equal_ids), None)
+    if existing is not None:
+        return existing
+    return wanted if wanted not in taken else next(i for i in count(1) if i not in taken)
 
 
 #: Times that go back by no more than this are those of messages that came late [ns].
@@ -1027,30 +1029,30 @@ def set_backs(times_ns: Times) -> list[tuple[int, int]]:
     if not len(places):
         return []
     usual_ns = round(float(np.median(steps[steps >= 0]))) if (steps >= 0).any() else 0
-    found: list[tuple[int, int]] = []
+    jumps: list[tuple[int, int]] = []
     begin, total = 0, 0
-    for place, after in zip(places.tolist(), [*places[1:].tolist(), len(times_ns)], strict=True):
-        earlier, later = times_ns[begin:place], times_ns[place:after]
+    for index, after in zip(places.tolist(), [*places[1:].tolist(), len(times_ns)], strict=True):
+        earlier, later = times_ns[begin:index], times_ns[index:after]
         if _show_the_same(earlier, later):
             total += int(earlier.max()) - int(later[0]) + usual_ns
             if total + int(later.max()) >= _LATEST_NS:
                 return []
-            found.append((place, total))
-            begin = place
-    return found
+            jumps.append((index, total))
+            begin = index
+    return jumps
 
 
 def _show_the_same(earlier: Times, later: Times) -> bool:
     """Return whether the times from a step on, up to where it came from, were shown before it."""
     low, high = int(later[0]), min(int(earlier.max()), int(later.max()))
-    known = np.sort(earlier[(earlier >= low) & (earlier <= high)])
+    shown = np.sort(earlier[(earlier >= low) & (earlier <= high)])
     again = np.sort(later[(later >= low) & (later <= high)])
-    if min(len(known), len(again)) < _FEWEST:
+    if min(len(shown), len(again)) < _FEWEST:
         return False
     apart_ns = (int(earlier.max()) - int(earlier.min())) / (len(earlier) - 1)
     return all(
         np.mean(_nearest_ns(one, other) <= apart_ns) >= _DENSE
-        for one, other in ((known, again), (again, known))
+        for one, other in ((shown, again), (again, shown))
     )
 
 
@@ -1114,18 +1116,18 @@ class ReadingClock:
     latest_ns: int
     _steps: dict[int, _Steps]
 
-    def read(self, entry: ChunkEntry, found: MessageTable) -> MessageTable:
+    def read(self, entry: ChunkEntry, table: MessageTable) -> MessageTable:
         """Return a chunk's messages with their times of reading as log times."""
-        own = [i for i in found.counts() if i in self._steps]
-        if not own:
-            return found
-        rows = found.rows.copy()
-        for i in own:
+        ids = [i for i in table.counts() if i in self._steps]
+        if not ids:
+            return table
+        rows = table.rows.copy()
+        for i in ids:
             mine = rows["channel_id"] == i
             # a row tells where the payload begins, behind the head of its record
             later_ns = self._steps[i].at(entry.offset, rows["start"][mine])
             rows["log_time"][mine] += later_ns.astype(np.uint64)
-        return type(found)(found.pieces, rows)
+        return type(table)(table.pieces, rows)
 
 
 def reading_clock(
@@ -1156,18 +1158,20 @@ def reading_clock(
         return None
     back = _gone_back(source, ordered, segments, wanted)
     series = _series(source, ordered, segments, back)
-    found = {i: known for i, one in series.items() if (known := set_backs(one.times_ns))}
-    if not found:
+    jumps = {
+        i: channel_jumps for i, one in series.items() if (channel_jumps := set_backs(one.times_ns))
+    }
+    if not jumps:
         return None
-    found = _together(found, series)
+    jumps = _together(jumps, series)
     steps: dict[int, _Steps] = {}
     edges: set[int] = set()
-    for i, own in found.items():
+    for i, channel_jumps in jumps.items():
         one = series[i]
-        places = [(int(one.chunks[at]), int(one.records[at])) for at, _ in own]
-        steps[i] = _Steps(places, [later_ns for _, later_ns in own])
-        edges.update(int(one.times_ns[at]) + later_ns for at, later_ns in own)
-    latest_ns = max(own.later_ns[-1] for own in steps.values())
+        places = [(int(one.chunks[at]), int(one.records[at])) for at, _ in channel_jumps]
+        steps[i] = _Steps(places, [later_ns for _, later_ns in channel_jumps])
+        edges.update(int(one.times_ns[at]) + later_ns for at, later_ns in channel_jumps)
+    latest_ns = max(shift.later_ns[-1] for shift in steps.values())
     return ReadingClock(_as_read(chunks, steps, wanted), tuple(sorted(edges)), latest_ns, steps)
 
 
@@ -1187,8 +1191,8 @@ def _indexed(
 ) -> Iterator[tuple[int, Times]]:
     """Yield of each wanted channel of a chunk its log times and the places of its records."""
     ids = segments[chunk.segment].ids
-    for own, entries in indexed_times(source, chunk.offset + chunk.length):
-        i = own if ids is None else ids.get(own, -1)
+    for part_id, entries in indexed_times(source, chunk.offset + chunk.length):
+        i = part_id if ids is None else ids.get(part_id, -1)
         if i in wanted:
             sound = (entries[:, 0] >= 0) & (entries[:, 0] < _LATEST_NS)
             yield i, entries[sound]
@@ -1225,37 +1229,38 @@ def _series(
             parts[i].append((entries, chunk.offset))
     return {
         i: _Series(
-            np.concatenate([entries[:, 0] for entries, _ in own]),
-            np.concatenate([np.full(len(entries), offset) for entries, offset in own]),
-            np.concatenate([entries[:, 1] for entries, _ in own]),
+            np.concatenate([entries[:, 0] for entries, _ in pieces]),
+            np.concatenate([np.full(len(entries), offset) for entries, offset in pieces]),
+            np.concatenate([entries[:, 1] for entries, _ in pieces]),
         )
-        for i, own in parts.items()
+        for i, pieces in parts.items()
     }
 
 
 def _together(
-    found: Mapping[int, list[tuple[int, int]]], series: Mapping[int, _Series]
+    jumps: Mapping[int, list[tuple[int, int]]], series: Mapping[int, _Series]
 ) -> dict[int, list[tuple[int, int]]]:
     """Let channels whose clock was set back together go on together: the fastest tells by what.
 
     A channel knows its own step to one interval only.
     """
-    told: list[tuple[int, int]] = []  # of a step the last time before it, and its length [ns]
+    references: list[tuple[int, int]] = []  # of a step the last time before it, and its length [ns]
     out = {}
-    for i in sorted(found, key=lambda i: series[i].usual_ns):
+    for i in sorted(jumps, key=lambda i: series[i].usual_ns):
         one, total, before = series[i], 0, 0
         out[i] = list[tuple[int, int]]()
-        for at, sum_ns in found[i]:
+        for at, sum_ns in jumps[i]:
             last_ns, length_ns = int(one.times_ns[:at].max()), sum_ns - before
             reach_ns = 2 * one.usual_ns + BACK_NS // 2
-            alike = [
-                known
-                for known in told
-                if abs(known[0] - last_ns) <= reach_ns and abs(known[1] - length_ns) <= reach_ns
+            matches = [
+                reference
+                for reference in references
+                if abs(reference[0] - last_ns) <= reach_ns
+                and abs(reference[1] - length_ns) <= reach_ns
             ]
-            if not alike:
-                told.append((last_ns, length_ns))
-            total, before = total + (alike[0][1] if alike else length_ns), sum_ns
+            if not matches:
+                references.append((last_ns, length_ns))
+            total, before = total + (matches[0][1] if matches else length_ns), sum_ns
             out[i].append((at, total))
     return out
 
@@ -1267,11 +1272,11 @@ def _as_read(
     moved = []
     ends = np.array([0, 2**62])
     for chunk in chunks:
-        own = set(wanted) if chunk.channel_ids is None else chunk.channel_ids & set(wanted)
+        ids = set(wanted) if chunk.channel_ids is None else chunk.channel_ids & set(wanted)
         shifts = [0]
-        if own and not chunk.bare:
+        if ids and not chunk.bare:
             none = np.zeros(2, np.int64)
-            per = [steps[i].at(chunk.offset, ends) if i in steps else none for i in own]
+            per = [steps[i].at(chunk.offset, ends) if i in steps else none for i in ids]
             shifts = np.concatenate(per).tolist()
         start_ns, end_ns = chunk.start_ns + min(shifts), chunk.end_ns + max(shifts)
         moved.append(replace(chunk, start_ns=start_ns, end_ns=end_ns))

@@ -157,22 +157,22 @@ class Scanner:
 
     def _take(self, offset: int, opcode: int, length: int) -> int:
         """Take one record, or one run of bare messages; give its length, 0 if it is not sound."""
-        whole = RECORD_HEAD.size + length
+        size = RECORD_HEAD.size + length
         indexing, self._indexing = self._indexing, opcode in (CHUNK, MESSAGE_INDEX)
         if opcode == MESSAGE and indexing and self._reads_as_index(offset, length):
             self._indexing = True
             reason = "message index: expected opcode 0x07, found 0x05"
-            self.found.note(offset, whole, reason, 0)
+            self.found.note(offset, size, reason, 0)
         elif opcode == MESSAGE:
-            whole = self._bare_run(offset)
-            if whole:
-                self._entry(ChunkEntry(offset, whole, 0, 0, None, bare=True))
+            size = self._bare_run(offset)
+            if size:
+                self._entry(ChunkEntry(offset, size, 0, 0, None, bare=True))
         elif opcode == CHUNK:
             self._chunked = True
-            self._entry(ChunkEntry(offset, whole, 0, 0, None))
+            self._entry(ChunkEntry(offset, size, 0, 0, None))
         elif opcode in (SCHEMA, CHANNEL, METADATA, ATTACHMENT):
             self._note(opcode, offset, length)
-        return whole
+        return size
 
     def _reads_as_index(self, offset: int, length: int) -> bool:
         """Recognise a MessageIndex among those of its chunk whose opcode turned into Message.
@@ -222,19 +222,19 @@ class Scanner:
 
     def _note(self, opcode: int, offset: int, length: int) -> None:
         """Take a definition, metadata or attachment record; a malformed one is damage."""
-        start, found = offset + RECORD_HEAD.size, self.found
+        start, scan = offset + RECORD_HEAD.size, self.found
         try:
             if opcode == ATTACHMENT:
                 head = Fields(self._window.view(start, min(length, _ATTACHMENT_HEAD_BYTES)))
                 ref = parse_attachment(offset, RECORD_HEAD.size + length, head)
-                found.attachments.append(ref)
+                scan.attachments.append(ref)
             elif opcode == METADATA:
-                found.metadata.append(parse_metadata(self._content(start, length)))
+                scan.metadata.append(parse_metadata(self._content(start, length)))
             else:
-                found.definitions.add(opcode, self._content(start, length))
+                scan.definitions.add(opcode, self._content(start, length))
         except MalformedError as error:
             reason = f"record with opcode 0x{opcode:02x}: {error}"
-            found.note(offset, RECORD_HEAD.size + length, reason)
+            scan.note(offset, RECORD_HEAD.size + length, reason)
 
     def _content(self, start: int, length: int) -> memoryview:
         if length > MAX_RECORD_BYTES:
@@ -252,10 +252,10 @@ class Scanner:
             self._check_data(offset)
         elif (last := self.found.running_on()) is not None:
             # there are messages alone: nothing is defined on the way
-            place = int(message_places(self._reader.records(last), int)[-1])
-            self.found.drop_last(last, place)
-            if place:
-                self._entry(replace(last, length=place))
+            message_offset = int(message_places(self._reader.records(last), int)[-1])
+            self.found.drop_last(last, message_offset)
+            if message_offset:
+                self._entry(replace(last, length=message_offset))
         closing = self._closing(offset)
         following = self._heads.next_file(closing or offset)
         self.found.stop = self._source.size if following is None else following
@@ -287,11 +287,11 @@ class Scanner:
         expected = U32.unpack(self._window.view(offset + RECORD_HEAD.size, U32.size))[0]
         if not expected or not any(chunk.bare for chunk in self.found.chunks):
             return
-        found = crc32_of(self._source, self.found.start, offset)
-        if found != expected:
+        actual_crc = crc32_of(self._source, self.found.start, offset)
+        if actual_crc != expected:
             self.found.drop_bare(
                 "messages outside chunks: "
-                f"expected data section CRC 0x{expected:08x}, found 0x{found:08x}"
+                f"expected data section CRC 0x{expected:08x}, found 0x{actual_crc:08x}"
             )
 
     def _broken(self, offset: int, *, growing: bool) -> int:
@@ -320,11 +320,11 @@ class Scanner:
 
     def _mended(self, offset: int) -> int:
         """Read a chunk whose opcode or length is wrong by its own fields; give its length or 0."""
-        own = self._heads.own_length(CHUNK, offset)
-        whole = RECORD_HEAD.size + (own or 0)
-        if own is None or offset + whole > self._source.size:
+        content_length = self._heads.own_length(CHUNK, offset)
+        size = RECORD_HEAD.size + (content_length or 0)
+        if content_length is None or offset + size > self._source.size:
             return 0
-        entry = ChunkEntry(offset, whole, 0, 0, None)
+        entry = ChunkEntry(offset, size, 0, 0, None)
         try:
             records = self._reader.mended(entry)
         except MalformedError:
@@ -332,7 +332,7 @@ class Scanner:
         self._chunked = self._indexing = True
         self.found.note(offset, RECORD_HEAD.size, self._reader.head_fault(entry), 0)
         self._keep(entry, records)
-        return whole
+        return size
 
     def _measured(self, offset: int, length: int) -> int:
         """Take a record whose length field is wrong by its own fields; give its length."""
@@ -432,7 +432,7 @@ class Scan:
         stop = last.offset + last.length
         return None if any(d.offset + d.length > stop for d in self.damage) else last
 
-    def drop_last(self, entry: ChunkEntry, place: int) -> None:
+    def drop_last(self, entry: ChunkEntry, message_offset: int) -> None:
         """Leave out the last entry, of which only the message at a place [bytes] is damage.
 
         A DataEnd follows messages; where the records run on to the Footer without one, the message
@@ -440,13 +440,13 @@ class Scan:
         """
         del self.chunks[-1], self.counts[-1]
         reason = "message: expected a DataEnd record between it and the summary, found none"
-        self.note(entry.offset + place, entry.length - place, reason, 1)
+        self.note(entry.offset + message_offset, entry.length - message_offset, reason, 1)
 
 
 def gap_reason(entry: ChunkEntry) -> str:
     """Name the damage of messages whose channel is defined nowhere."""
-    place = "messages outside chunks" if entry.bare else "chunk"
-    return f"{place}: expected a channel record before each message, found none for some"
+    where = "messages outside chunks" if entry.bare else "chunk"
+    return f"{where}: expected a channel record before each message, found none for some"
 
 
 def truncation_reason(head: memoryview, rest: int) -> str:
@@ -548,9 +548,11 @@ class RecordHeaderScan:
         A chunk has a better witness, its CRC.
         """
         opcode = self.window.view(offset, 1)[0]
-        own = None if opcode == CHUNK else self.own_length(opcode, offset)
-        stop = offset + RECORD_HEAD.size + (own or 0)
-        return own if own and stop <= self.stop and self.can_follow(stop) else 0
+        content_length = None if opcode == CHUNK else self.own_length(opcode, offset)
+        stop = offset + RECORD_HEAD.size + (content_length or 0)
+        return (
+            content_length if content_length and stop <= self.stop and self.can_follow(stop) else 0
+        )
 
     def own_length(self, opcode: int, offset: int) -> int | None:
         """Give the content length that the fields of a record of that kind add up to.
@@ -634,11 +636,11 @@ class RecordHeaderScan:
     def next_file(self, start: int) -> int | None:
         """Search for the beginning of another file from ``start`` on."""
         for offset, raw in self._blocks(start):
-            place = raw.find(MAGIC)
-            while place >= 0:
-                if self.begins_file(offset + place):
-                    return offset + place
-                place = raw.find(MAGIC, place + 1)
+            index = raw.find(MAGIC)
+            while index >= 0:
+                if self.begins_file(offset + index):
+                    return offset + index
+                index = raw.find(MAGIC, index + 1)
         return None
 
     def next_record(self, start: int, *, chunked: bool) -> int | None:
@@ -656,17 +658,17 @@ class RecordHeaderScan:
         """
         kinds = _IN_CHUNKED if chunked else _IN_BARE
         for base, raw in self._blocks(start):
-            for place in _places(raw, kinds):
-                if self._is_record(base + place):
-                    return base + place
+            for index in _places(raw, kinds):
+                if self._is_record(base + index):
+                    return base + index
         return None
 
     def has_chunks(self, start: int) -> bool:
         """Tell whether there is a chunk, or the index of one, from ``start`` on."""
         return any(
-            self._is_record(base + place)
+            self._is_record(base + index)
             for base, raw in self._blocks(start)
-            for place in _places(raw, (CHUNK, MESSAGE_INDEX))
+            for index in _places(raw, (CHUNK, MESSAGE_INDEX))
         )
 
     def _is_record(self, offset: int) -> bool:

@@ -166,8 +166,8 @@ class McapWriter:
     ) -> None:
         """Write an attachment, with the times it was made and recorded at [ns]."""
         record = encoded(Attachment(made_ns, log_ns, name, media_type, data))
-        place = (self._length, len(record), log_ns, made_ns, len(data))
-        self._attachments.append(AttachmentIndex(*place, name, media_type))
+        entry = (self._length, len(record), log_ns, made_ns, len(data))
+        self._attachments.append(AttachmentIndex(*entry, name, media_type))
         self._put(record)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
@@ -312,19 +312,19 @@ class OpenChunk:
         end_ns = max(max(entries[::2]) for entries in index.values())
         packed, crc = self._packed(records), zlib_ng.crc32(records)
         parts = [encoded(Chunk(self._compression, packed, end_ns, start_ns, crc, len(records)))]
-        place = index_start = offset + len(parts[0])
+        position = index_start = offset + len(parts[0])
         offsets: dict[int, int] = {}
         for channel_id, entries in index.items():
-            offsets[channel_id] = place
+            offsets[channel_id] = position
             parts.append(_index_record(channel_id, entries))
-            place += len(parts[-1])
+            position += len(parts[-1])
         return b"".join(parts), ChunkIndex(
             chunk_length=len(parts[0]),
             chunk_start_offset=offset,
             compression=self._compression,
             compressed_size=len(packed),
             message_end_time=end_ns,
-            message_index_length=place - index_start,
+            message_index_length=position - index_start,
             message_index_offsets=offsets,
             message_start_time=start_ns,
             uncompressed_size=len(records),
@@ -448,8 +448,10 @@ class _Growing:
 
     def _full(self, error: OSError) -> CodecError:
         self.failed = True
-        kept = f"; what was written stays: groundtrace doctor {self._partial} --repair {self._path}"
-        return NoRoomError(self._path, error.strerror, kept)
+        remedy = (
+            f"; what was written stays: groundtrace doctor {self._partial} --repair {self._path}"
+        )
+        return NoRoomError(self._path, error.strerror, remedy)
 
 
 class Container:
@@ -491,8 +493,8 @@ class Container:
         if path.exists() and not force:
             raise CodecError(f"{path}: expected a new file, found an existing one")
         if compression not in _COMPRESSIONS:
-            known = ", ".join(_COMPRESSIONS)
-            raise CodecError(f"{path}: compression: expected one of {known}, found {compression!r}")
+            names = ", ".join(_COMPRESSIONS)
+            raise CodecError(f"{path}: compression: expected one of {names}, found {compression!r}")
         self._file = _Growing(self._partial, path)
         library = f"{TOOL} {tool_version()}"
         self._mcap = McapWriter(self._file, compression, _LEVELS, chunk_bytes, profile, library)

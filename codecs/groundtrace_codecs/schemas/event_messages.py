@@ -45,7 +45,7 @@ def spec_json(spec: StageSpec) -> str:
     return json.dumps(asdict(spec), default=float)
 
 
-def spec_from_json(text: str, place: str) -> StageSpec:
+def spec_from_json(text: str, where: str) -> StageSpec:
     """Read a stage's description.
 
     Raises
@@ -56,18 +56,18 @@ def spec_from_json(text: str, place: str) -> StageSpec:
     try:
         return msgspec.convert(json.loads(text), StageSpec)
     except (ValueError, msgspec.ValidationError) as error:
-        raise SchemaError(f"{place}: expected a stage, found: {error}") from error
+        raise SchemaError(f"{where}: expected a stage, found: {error}") from error
 
 
-def _column(data: bytes, dtype: str, shape: tuple[int, ...], place: str) -> NDArray[Any]:
+def _column(data: bytes, dtype: str, shape: tuple[int, ...], where: str) -> NDArray[Any]:
     expected = prod(shape) * np.dtype(dtype).itemsize
     if len(data) != expected:
-        raise SchemaError(f"{place}: expected {expected} bytes, found {len(data)}")
+        raise SchemaError(f"{where}: expected {expected} bytes, found {len(data)}")
     return np.frombuffer(data, dtype).reshape(shape)
 
 
 def decode_candidates(
-    data: bytes | memoryview, spec: StageSpec, place: str = "CandidateBlock"
+    data: bytes | memoryview, spec: StageSpec, where: str = "CandidateBlock"
 ) -> CandidateBlock:
     """Decode a CandidateBlock of a stage.
 
@@ -76,28 +76,28 @@ def decode_candidates(
     SchemaError
         Where the bytes are not one with the stage's columns, gates and channels.
     """
-    message = parse(message_class("CandidateBlock"), data, place)
+    message = parse(message_class("CandidateBlock"), data, where)
     count = message.count
-    channel = _column(message.channel, "<i4", (count,), f"{place}: channel")
+    channel = _column(message.channel, "<i4", (count,), f"{where}: channel")
     if count and not (channel.min() >= 0 and channel.max() < len(spec.channels)):
         raise SchemaError(
-            f"{place}: channel: expected 0 to {len(spec.channels) - 1}, "
+            f"{where}: channel: expected 0 to {len(spec.channels) - 1}, "
             f"found {channel.min()} to {channel.max()}"
         )
     gates = (count, len(spec.gates))
     return CandidateBlock(
         spec,
-        _column(message.time_ns, "<i8", (count,), f"{place}: time_ns"),
+        _column(message.time_ns, "<i8", (count,), f"{where}: time_ns"),
         channel,
-        _column(message.value, "<f4", (count, len(spec.columns)), f"{place}: value"),
-        _column(message.gate_value, "<f4", gates, f"{place}: gate_value"),
-        _column(message.margin, "<f4", gates, f"{place}: margin"),
-        _column(message.accepted, "u1", (count,), f"{place}: accepted") != 0,
+        _column(message.value, "<f4", (count, len(spec.columns)), f"{where}: value"),
+        _column(message.gate_value, "<f4", gates, f"{where}: gate_value"),
+        _column(message.margin, "<f4", gates, f"{where}: margin"),
+        _column(message.accepted, "u1", (count,), f"{where}: accepted") != 0,
     )
 
 
 def decode_trace(
-    data: bytes | memoryview, spec: StageSpec, place: str = "TraceBlock"
+    data: bytes | memoryview, spec: StageSpec, where: str = "TraceBlock"
 ) -> TraceBlock:
     """Decode a TraceBlock of a stage.
 
@@ -106,10 +106,10 @@ def decode_trace(
     SchemaError
         Where the bytes are not one with the stage's channels and quantities.
     """
-    message = parse(message_class("TraceBlock"), data, place)
+    message = parse(message_class("TraceBlock"), data, where)
     shape = (message.count, len(spec.channels), len(spec.trace))
-    time_ns = _column(message.time_ns, "<i8", shape[:1], f"{place}: time_ns")
-    return TraceBlock(spec, time_ns, _column(message.value, "<f4", shape, f"{place}: value"))
+    time_ns = _column(message.time_ns, "<i8", shape[:1], f"{where}: time_ns")
+    return TraceBlock(spec, time_ns, _column(message.value, "<f4", shape, f"{where}: value"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,13 +188,13 @@ def _decoder_by(layout: Layout, cls: type[Any]) -> Decoder:
     message_of, values_of = layout.message.FromString, attrgetter(*layout.sources)
     times, texts, lengths = layout.times, layout.texts, layout.lengths
 
-    def decode(place: str, data: bytes | memoryview) -> Any:
+    def decode(where: str, data: bytes | memoryview) -> Any:
         try:
             values = list(values_of(message_of(data)))
         except DecodeError as error:
-            raise unreadable(layout.message, place, error) from error
+            raise unreadable(layout.message, where, error) from error
         for i in times:
-            values[i] = get_time(values[i], place)
+            values[i] = get_time(values[i], where)
         for i in texts:
             # one text for all events that say the same: an hour has a hundred thousand picks
             values[i] = intern(values[i])
@@ -202,13 +202,13 @@ def _decoder_by(layout: Layout, cls: type[Any]) -> Decoder:
             if len(values[i]) != length:
                 name = layout.names[i]
                 raise SchemaError(
-                    f"{place}: {name}: expected {length} numbers, found {len(values[i])}"
+                    f"{where}: {name}: expected {length} numbers, found {len(values[i])}"
                 )
             values[i] = tuple(values[i])
         try:
             return cls(*values)
         except ValueError as error:
-            raise SchemaError(f"{place}: {error}") from error
+            raise SchemaError(f"{where}: {error}") from error
 
     return decode
 
@@ -244,17 +244,17 @@ def _decoder(
     channel = file.channels[channel_id]
     schema = file.schemas.get(channel.schema_id)
     package, _, name = schema.name.partition(".") if schema is not None else ("", "", "")
-    place = f"{file.name}: {channel.topic}"
+    where = f"{file.name}: {channel.topic}"
     if package != "groundtrace" or (only is not None and name not in only):
         return None
     if name in {"CandidateBlock", "TraceBlock"}:
-        spec = spec_from_json(channel.metadata.get(SPEC_KEY, ""), place)
+        spec = spec_from_json(channel.metadata.get(SPEC_KEY, ""), where)
         decode = decode_candidates if name == "CandidateBlock" else decode_trace
-        return spec, lambda data: decode(data, spec, place)
+        return spec, lambda data: decode(data, spec, where)
     kind = kind_of_message(name)
     if kind is None:
         return None
-    return None, partial(decoder_of(kind.cls), place)
+    return None, partial(decoder_of(kind.cls), where)
 
 
 #: Topic of a recording's own truth.
@@ -282,21 +282,21 @@ def encode_label(label: Label) -> bytes:
     return encoded
 
 
-def decode_label(data: bytes | memoryview, place: str = "Label") -> Label:
+def decode_label(data: bytes | memoryview, where: str = "Label") -> Label:
     """Decode one label.
 
     Raises
     ------
     SchemaError
-        Where the bytes are not a label; names ``place``.
+        Where the bytes are not a label; names ``where``.
     """
-    message = parse(message_class("Label"), data, place)
+    message = parse(message_class("Label"), data, where)
     # one text for all labels that say the same: an hour of picks has thousands
     fields: dict[str, Any] = {name: intern(getattr(message, name)) for name in _TEXTS}
     fields |= {name: getattr(message, name) for name in _NUMBERS if message.HasField(name)}
     if message.HasField("end"):
-        fields["end_ns"] = get_time(message.end, place)
-    return Label(get_time(message.timestamp, place), intern(message.kind), **fields)
+        fields["end_ns"] = get_time(message.end, where)
+    return Label(get_time(message.timestamp, where), intern(message.kind), **fields)
 
 
 class Described(Protocol):
@@ -337,8 +337,8 @@ def labels_of(file: McapFile, topic: str) -> tuple[Label, ...]:
     wanted = label_channels(file, topic)
     if not wanted:
         return ()
-    place = f"{file.name}: {topic}"
-    return tuple(decode_label(m.data, place) for m in file.messages(wanted))
+    where = f"{file.name}: {topic}"
+    return tuple(decode_label(m.data, where) for m in file.messages(wanted))
 
 
 def labels_in(messages: MessageTable, file: Described, topic: str) -> list[Label]:
@@ -350,5 +350,5 @@ def labels_in(messages: MessageTable, file: Described, topic: str) -> list[Label
         Where a message there is not a label.
     """
     wanted = label_channels(file, topic) & messages.counts().keys()
-    place = f"{file.name}: {topic}"
-    return [decode_label(m.data, place) for m in messages.of_channels(sorted(wanted))]
+    where = f"{file.name}: {topic}"
+    return [decode_label(m.data, where) for m in messages.of_channels(sorted(wanted))]

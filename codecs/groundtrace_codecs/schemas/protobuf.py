@@ -69,23 +69,23 @@ def schema_bytes(name: str = "WaveformBlock") -> bytes:
     return descriptor_set(message_class(name))
 
 
-def parse(message: Any, data: bytes | memoryview, place: str) -> Any:
+def parse(message: Any, data: bytes | memoryview, where: str) -> Any:
     """Decode one protobuf message.
 
     Raises
     ------
     SchemaError
-        Where the bytes are not such a message; names ``place``.
+        Where the bytes are not such a message; names ``where``.
     """
     try:
         return message.FromString(data)
     except DecodeError as error:
-        raise unreadable(message, place, error) from error
+        raise unreadable(message, where, error) from error
 
 
-def unreadable(message: Any, place: str, error: DecodeError) -> SchemaError:
+def unreadable(message: Any, where: str, error: DecodeError) -> SchemaError:
     """Return the error of bytes that are no such message."""
-    return SchemaError(f"{place}: expected a {message.DESCRIPTOR.full_name}, found: {error}")
+    return SchemaError(f"{where}: expected a {message.DESCRIPTOR.full_name}, found: {error}")
 
 
 def set_time(stamp: Any, time_ns: int) -> None:
@@ -93,7 +93,7 @@ def set_time(stamp: Any, time_ns: int) -> None:
     stamp.seconds, stamp.nanos = divmod(int(time_ns), NS_PER_S)
 
 
-def get_time(stamp: Any, place: str) -> int:
+def get_time(stamp: Any, where: str) -> int:
     """Return the time [ns] of a ``google.protobuf.Timestamp``.
 
     Raises
@@ -103,7 +103,7 @@ def get_time(stamp: Any, place: str) -> int:
     """
     time_ns: int = stamp.seconds * NS_PER_S + stamp.nanos
     if not -_INT64_LIMIT <= time_ns < _INT64_LIMIT:
-        raise SchemaError(f"{place}: expected a time within int64 nanoseconds, found {time_ns}")
+        raise SchemaError(f"{where}: expected a time within int64 nanoseconds, found {time_ns}")
     return time_ns
 
 

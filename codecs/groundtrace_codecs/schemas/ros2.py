@@ -79,8 +79,8 @@ class Layout:
         self._columns: dict[str, list[str]] = {}
         fields: dict[str, tuple[int, Any]] = {"#": (0, "V2")}
         fields |= {f"#{i}": (offset, f"{order}u4") for i, (offset, _) in enumerate(lengths)}
-        for path, found in places.items():
-            solid = [p for p in found if p.number and p.dtype != "str"]
+        for path, spans in places.items():
+            solid = [p for p in spans if p.number and p.dtype != "str"]
             names = [path if len(solid) == 1 else f"{path}#{i}" for i in range(len(solid))]
             self._columns[path] = names
             fields |= {n: (p.offset, _subarray(p)) for n, p in zip(names, solid, strict=True)}
@@ -106,8 +106,8 @@ class Layout:
         return self._columns.get(path, [])
 
 
-def _subarray(place: Place) -> Any:
-    return place.dtype if place.number == 1 else (place.dtype, (place.number,))
+def _subarray(span: Place) -> Any:
+    return span.dtype if span.number == 1 else (span.dtype, (span.number,))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,10 +120,10 @@ class Table:
     def column(self, path: str) -> NDArray[Any]:
         """Return a field of every message, shape (n_messages, values per message)."""
         count = len(self.records)
-        found = [self.records[n].reshape(count, -1) for n in self.layout.names(path)]
-        if len(found) == 1:
-            return found[0]
-        return np.concatenate(found, axis=1) if found else np.empty((count, 0))
+        columns = [self.records[n].reshape(count, -1) for n in self.layout.names(path)]
+        if len(columns) == 1:
+            return columns[0]
+        return np.concatenate(columns, axis=1) if columns else np.empty((count, 0))
 
     def put(self, path: str, values: NDArray[Any]) -> None:
         """Write a field of every message; ``values`` has the shape ``column`` returns."""
@@ -143,13 +143,13 @@ class Table:
 class _Walk:
     """One pass over one payload, noting where everything lies."""
 
-    def __init__(self, data: bytes | memoryview, place: str) -> None:
+    def __init__(self, data: bytes | memoryview, where: str) -> None:
         self._data = memoryview(data)
-        self._place = place
+        self._place = where
         order = _ORDERS.get(bytes(self._data[:2]))
         if order is None or len(data) < _HEADER:
-            found = bytes(self._data[:_HEADER]).hex() or "nothing"
-            raise FormatError(f"{place}: expected a CDR encapsulation 0000 or 0001, found {found}")
+            header = bytes(self._data[:_HEADER]).hex() or "nothing"
+            raise FormatError(f"{where}: expected a CDR encapsulation 0000 or 0001, found {header}")
         self._order = order
         self._byteorder: Any = "little" if order == "<" else "big"
         self._at = _HEADER
@@ -224,13 +224,13 @@ class CdrDecoder:
     ----------
     definition
         Of the message.
-    place
+    where
         Named in errors.
     """
 
-    def __init__(self, definition: Definition, place: str = "CDR") -> None:
+    def __init__(self, definition: Definition, where: str = "CDR") -> None:
         self.definition = definition
-        self._place = place
+        self._place = where
         self._layouts: dict[int, Layout] = {}
 
     def layout(self, payload: bytes | memoryview) -> Layout:
@@ -293,8 +293,8 @@ class CdrDecoder:
             payloads, rows = payloads[~same], rows[~same]
 
 
-def _text(payload: bytes | memoryview, place: Place) -> str:
-    raw = bytes(payload[place.offset : place.offset + place.number])
+def _text(payload: bytes | memoryview, span: Place) -> str:
+    raw = bytes(payload[span.offset : span.offset + span.number])
     return raw.removesuffix(b"\0").decode("utf-8", "replace")
 
 
@@ -449,14 +449,14 @@ def in_range(values: NDArray[np.float64]) -> bool:
 def _positions(definition: Definition, prefix: str, outer: tuple[str, ...]) -> Iterator[RosSource]:
     """Yield what a message of unknown type has of positions, none of them in arrays."""
     outer = _stamped(definition, prefix, outer)
-    found: dict[str, str] = {}
+    coordinates: dict[str, str] = {}
     for quantity, names in _POSITION_NAMES.items():
         name = next((n for n in names if _is_number(definition, n, "f")), None)
         if name is not None:
-            found[quantity] = name
-    if {"latitude", "longitude"} <= found.keys():
+            coordinates[quantity] = name
+    if {"latitude", "longitude"} <= coordinates.keys():
         fix = {channel.quantity: channel for _, channel in KINDS["sensor_msgs/NavSatFix"]}
-        fields = tuple((name, fix[quantity]) for quantity, name in found.items())
+        fields = tuple((name, fix[quantity]) for quantity, name in coordinates.items())
         yield RosSource(definition.name, prefix, outer, fields)
         return
     for member in definition.fields:
@@ -543,9 +543,9 @@ def _from_table(
         values[:, :, i] = column
     times = log_ns[:, None]
     for stamp in reversed(source.stamps):
-        own = table.column(f"{stamp}.sec").astype(np.int64) * NS_PER_S
-        own += table.column(f"{stamp}.nanosec").astype(np.int64)
-        times = own if own.all() else np.where(own != 0, own, times)
+        stamp_ns = table.column(f"{stamp}.sec").astype(np.int64) * NS_PER_S
+        stamp_ns += table.column(f"{stamp}.nanosec").astype(np.int64)
+        times = stamp_ns if stamp_ns.all() else np.where(stamp_ns != 0, stamp_ns, times)
     if count != 1:
         times, rows = np.broadcast_to(times, (len(rows), count)), np.repeat(rows, count)
     return Samples(times.reshape(-1), values.reshape(-1, len(columns)), rows)
@@ -892,8 +892,8 @@ _DEFINITIONS = {
 def ros2msg(name: str) -> str:
     """Return the ``ros2msg`` schema of one of the messages, e.g. ``sensor_msgs/Imu``."""
     needed = [name]
-    for known in needed:
-        kinds = (line.split()[0].removesuffix("[]") for line in _DEFINITIONS[known])
+    for message in needed:
+        kinds = (line.split()[0].removesuffix("[]") for line in _DEFINITIONS[message])
         needed += [k for k in dict.fromkeys(kinds) if k in _DEFINITIONS and k not in needed]
     head, *others = ("\n".join(_DEFINITIONS[n]) for n in needed)
     rule = "\n" + "=" * 80 + "\n"

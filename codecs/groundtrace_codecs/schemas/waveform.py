@@ -59,22 +59,22 @@ def fits(size: int, name: str, count: int) -> bool:
     return 0 < size <= most and size % count == 0
 
 
-def _samples(message: Any, data: bytes | memoryview, place: str) -> NDArray[Any]:
+def _samples(message: Any, data: bytes | memoryview, where: str) -> NDArray[Any]:
     if message.format not in _STORED:
-        known = ", ".join(_STORED)
-        raise SchemaError(f"{place}: format: expected one of {known}, found {message.format!r}")
+        formats = ", ".join(_STORED)
+        raise SchemaError(f"{where}: format: expected one of {formats}, found {message.format!r}")
     dtype = np.dtype(_STORED[message.format])
     shape = (message.channels, message.samples)
     count = math.prod(shape)
     if not count:
         raise SchemaError(
-            f"{place}: expected at least 1 channel and 1 sample, found {shape[0]} and {shape[1]}"
+            f"{where}: expected at least 1 channel and 1 sample, found {shape[0]} and {shape[1]}"
         )
     if not fits(len(data), message.format, count):
         least = dtype.itemsize if message.format in FORMATS else 1
         sizes = " or ".join(str(count * width) for width in range(least, dtype.itemsize + 1))
         raise SchemaError(
-            f"{place}: data: expected {sizes} bytes for {shape[0]} channels of {shape[1]} samples, "
+            f"{where}: data: expected {sizes} bytes for {shape[0]} channels of {shape[1]} samples, "
             f"found {len(data)}"
         )
     # The transposed view keeps each channel contiguous, as stored.
@@ -102,13 +102,13 @@ def put_samples(data: bytes | memoryview, name: str, out: NDArray[Any]) -> None:
         from_planes(data, out)
 
 
-def _times(message: Any, place: str) -> NDArray[np.int64] | None:
+def _times(message: Any, where: str) -> NDArray[np.int64] | None:
     data = message.sample_times_ns
     if not data:
         return None
     if len(data) != 8 * message.samples:
         raise SchemaError(
-            f"{place}: sample_times_ns: expected {8 * message.samples} bytes, found {len(data)}"
+            f"{where}: sample_times_ns: expected {8 * message.samples} bytes, found {len(data)}"
         )
     return np.frombuffer(data, "<i8")
 
@@ -116,11 +116,11 @@ def _times(message: Any, place: str) -> NDArray[np.int64] | None:
 @cache
 def _opening(length: int) -> bytes:
     """Return what stands before the samples in a message: the field's key and their length."""
-    found = bytearray([_DATA_KEY])
+    prefix = bytearray([_DATA_KEY])
     while length >= 0x80:
-        found.append(length & 0x7F | 0x80)
+        prefix.append(length & 0x7F | 0x80)
         length >>= 7
-    return bytes([*found, length])
+    return bytes([*prefix, length])
 
 
 def split_payload(
@@ -142,19 +142,19 @@ def split_payload(
     return data, None
 
 
-def _parsed(data: bytes | memoryview, place: str, count: int) -> tuple[Any, bytes | memoryview]:
+def _parsed(data: bytes | memoryview, where: str, count: int) -> tuple[Any, bytes | memoryview]:
     """Parse a message, and give its samples' bytes, where they lie if that can be."""
     block = message_class("WaveformBlock")
     fields, samples = split_payload(data, count)
     if samples is not None:
         with suppress(DecodeError):
             return block.FromString(fields), samples
-    message = parse(block, data, place)
+    message = parse(block, data, where)
     return message, message.data
 
 
 def decode_waveform(
-    data: bytes | memoryview, place: str = "WaveformBlock", count: int = 0
+    data: bytes | memoryview, where: str = "WaveformBlock", count: int = 0
 ) -> Waveform:
     """Decode a WaveformBlock.
 
@@ -162,7 +162,7 @@ def decode_waveform(
     ----------
     data
         The message.
-    place
+    where
         Named in errors.
     count
         How many samples it has, if it has as many as others: they are then not copied.
@@ -171,23 +171,23 @@ def decode_waveform(
     ------
     SchemaError
         Where the bytes are not a WaveformBlock with at least one sample of one channel; names
-        ``place``.
+        ``where``.
     """
-    message, packed = _parsed(data, place, count)
-    times = _times(message, place)
+    message, packed = _parsed(data, where, count)
+    times = _times(message, where)
     rate = message.sample_rate
     if times is None and not 0.0 < rate < math.inf:
-        raise SchemaError(f"{place}: sample_rate: expected a positive number, found {rate}")
+        raise SchemaError(f"{where}: sample_rate: expected a positive number, found {rate}")
     if message.first_sample >= 1 << 63:
         raise SchemaError(
-            f"{place}: first_sample: expected less than 2^63, found {message.first_sample}"
+            f"{where}: first_sample: expected less than 2^63, found {message.first_sample}"
         )
-    samples = _samples(message, packed, place)
-    start_ns = get_time(message.timestamp, place)
+    samples = _samples(message, packed, where)
+    start_ns = get_time(message.timestamp, where)
     return Waveform(start_ns, rate, message.first_sample, samples, times, message.format)
 
 
-def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
+def to_block(stream: Stream, wave: Waveform, where: str) -> SignalBlock:
     """Return a decoded waveform as a block of its stream.
 
     Raises
@@ -197,18 +197,18 @@ def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
     """
     columns = len(stream.channels)
     if wave.samples.shape[1] != columns:
-        raise SchemaError(f"{place}: expected {columns} channels, found {wave.samples.shape[1]}")
+        raise SchemaError(f"{where}: expected {columns} channels, found {wave.samples.shape[1]}")
     if stream.irregular != (wave.times_ns is not None):
-        expected, found = ("own", "no") if stream.irregular else ("no", "own")
-        raise SchemaError(f"{place}: expected {expected} sample times, found {found}")
+        expected, actual = ("own", "no") if stream.irregular else ("no", "own")
+        raise SchemaError(f"{where}: expected {expected} sample times, found {actual}")
     if stream.irregular:
         return SignalBlock(stream, wave.start_ns, wave.first, wave.samples, wave.times_ns)
     if wave.rate_hz != stream.rate_hz:
-        raise SchemaError(f"{place}: expected {stream.rate_hz} Hz, found {wave.rate_hz} Hz")
+        raise SchemaError(f"{where}: expected {stream.rate_hz} Hz, found {wave.rate_hz} Hz")
     anchor_ns = wave.start_ns - round(wave.first * stream.period_ns)
     if abs(anchor_ns) > _MAX_ANCHOR_NS:
         raise SchemaError(
-            f"{place}: first_sample: expected a run that starts within 2^62 ns, found {wave.first}"
+            f"{where}: first_sample: expected a run that starts within 2^62 ns, found {wave.first}"
         )
     return SignalBlock(stream, anchor_ns, wave.first, wave.samples)
 
@@ -232,7 +232,7 @@ def encode_waveform(block: SignalBlock) -> bytes:
     return encoded
 
 
-def to_format(samples: NDArray[Any], sample_format: str, place: str) -> NDArray[Any]:
+def to_format(samples: NDArray[Any], sample_format: str, where: str) -> NDArray[Any]:
     """Return samples in a stored format, refusing to change them.
 
     Integers must come out as they went in and nothing may overflow; rounding float64 to float32
@@ -244,7 +244,7 @@ def to_format(samples: NDArray[Any], sample_format: str, place: str) -> NDArray[
         Shape (n_samples, n_channels), any integer or floating type.
     sample_format
         One of :data:`FORMATS`.
-    place
+    where
         Named in the error.
 
     Raises
@@ -258,12 +258,12 @@ def to_format(samples: NDArray[Any], sample_format: str, place: str) -> NDArray[
     with np.errstate(invalid="ignore", over="ignore"):
         stored = samples.astype(target)
         if samples.dtype.kind == "f" and target.kind == "f":
-            kept = np.isfinite(stored) | ~np.isfinite(samples)
+            fitting = np.isfinite(stored) | ~np.isfinite(samples)
         else:
-            kept = stored.astype(samples.dtype) == samples
-    if not kept.all():
-        value = samples[~kept].flat[0]
-        raise CodecError(f"{place}: expected samples that fit {sample_format}, found {value}")
+            fitting = stored.astype(samples.dtype) == samples
+    if not fitting.all():
+        value = samples[~fitting].flat[0]
+        raise CodecError(f"{where}: expected samples that fit {sample_format}, found {value}")
     return stored
 
 
@@ -276,7 +276,7 @@ class WaveformRun:
         Theirs.
     data
         The first message.
-    place
+    where
         Named in errors.
     count
         As :func:`decode_waveform` takes it.
@@ -293,10 +293,10 @@ class WaveformRun:
     """
 
     def __init__(
-        self, stream: Stream, data: bytes | memoryview, place: str, count: int = 0
+        self, stream: Stream, data: bytes | memoryview, where: str, count: int = 0
     ) -> None:
-        wave = decode_waveform(data, place, count)
-        self._first = to_block(stream, wave, place)
+        wave = decode_waveform(data, where, count)
+        self._first = to_block(stream, wave, where)
         self._others: list[bytes | memoryview] = []
         self._next = self._first.first + len(self._first)
         self._stored = wave.stored
@@ -334,11 +334,11 @@ class WaveformRun:
             return self._first
         part = self._first.samples.T
         channels, n = part.shape
-        whole = np.empty((channels, n * (1 + len(self._others))), part.dtype)
-        whole[:, :n] = part
+        samples = np.empty((channels, n * (1 + len(self._others))), part.dtype)
+        samples[:, :n] = part
         for number, data in enumerate(self._others, start=1):
-            put_samples(data, self._stored, whole[:, number * n : (number + 1) * n])
-        return replace(self._first, samples=whole.T)
+            put_samples(data, self._stored, samples[:, number * n : (number + 1) * n])
+        return replace(self._first, samples=samples.T)
 
 
 def to_planes(values: NDArray[np.signedinteger[Any]]) -> bytes:

@@ -74,17 +74,17 @@ def conflicts(annotations: Iterable[Annotation]) -> tuple[Conflict, ...]:
     annotations
         Of all authors.
     """
-    known = sorted(annotations, key=lambda a: (a.label.time_ns, a.id))
-    steps = [a for a in known if as_truth(a.label).kind == "step"]
-    found = _step_or_not(steps, [a for a in known if a.label.kind == "false"])
+    ordered = sorted(annotations, key=lambda a: (a.label.time_ns, a.id))
+    steps = [a for a in ordered if as_truth(a.label).kind == "step"]
+    clashes = _step_or_not(steps, [a for a in ordered if a.label.kind == "false"])
     by_author: dict[str, list[Annotation]] = {}
     for step in steps:
         by_author.setdefault(step.label.author, []).append(step)
     authors = sorted(by_author)
     for i, one in enumerate(authors):
         for other in authors[i + 1 :]:
-            found += _differing(by_author[one], by_author[other])
-    return tuple(sorted(found, key=lambda c: c.annotations[0].label.time_ns))
+            clashes += _differing(by_author[one], by_author[other])
+    return tuple(sorted(clashes, key=lambda c: c.annotations[0].label.time_ns))
 
 
 def _step_or_not(steps: Sequence[Annotation], false: Sequence[Annotation]) -> list[Conflict]:
@@ -104,7 +104,7 @@ def _step_or_not(steps: Sequence[Annotation], false: Sequence[Annotation]) -> li
 
 def _differing(ones: Sequence[Annotation], others: Sequence[Annotation]) -> list[Conflict]:
     """Compare the steps of two authors: those that are nearest to each other."""
-    found = []
+    clashes = []
     for one in ones:
         other = _nearest(others, one)
         if _nearest(ones, other) is not one:
@@ -112,10 +112,10 @@ def _differing(ones: Sequence[Annotation], others: Sequence[Annotation]) -> list
         apart_s = abs(one.label.time_ns - other.label.time_ns) / NS_PER_S
         words = {one.label.label, other.label.label} - {""}
         if TOLERANCE_S < apart_s <= ONE_STEP_S:
-            found.append(Conflict("time", (one, other)))
+            clashes.append(Conflict("time", (one, other)))
         elif apart_s <= TOLERANCE_S and len(words) > 1:
-            found.append(Conflict("foot", (one, other)))
-    return found
+            clashes.append(Conflict("foot", (one, other)))
+    return clashes
 
 
 def _times(annotations: Sequence[Annotation]) -> list[int]:
@@ -130,7 +130,7 @@ def _nearest(annotations: Sequence[Annotation], to: Annotation) -> Annotation:
 
 
 def truth_of_annotations(
-    annotations: Iterable[Annotation], author: str = "", place: str = "annotations"
+    annotations: Iterable[Annotation], author: str = "", where: str = "annotations"
 ) -> Truth:
     """Return what annotations say as truth.
 
@@ -145,7 +145,7 @@ def truth_of_annotations(
         Of one recording.
     author
         Whose are truth; empty for everybody's.
-    place
+    where
         What errors call them.
 
     Raises
@@ -155,9 +155,9 @@ def truth_of_annotations(
     """
     chosen = [a for a in annotations if author in ("", a.label.author)]
     if author and not chosen:
-        raise AnnotationError(f"{place}: author: expected annotations by {author!r}, found none")
+        raise AnnotationError(f"{where}: author: expected annotations by {author!r}, found none")
     labels = _by_time(as_truth(a.label) for a in chosen)
-    together = [group for alike in _alike(labels) for group in _groups(alike)]
+    together = [group for channel_labels in _alike(labels) for group in _groups(channel_labels)]
     truth = _by_time(_one(group) for group in together)
     return Truth(truth, len(labels) - len(truth), len(conflicts(chosen)))
 
@@ -168,14 +168,14 @@ def _by_time(labels: Iterable[Label]) -> tuple[Label, ...]:
 
 def _alike(labels: Iterable[Label]) -> list[list[Label]]:
     """Return labels of one kind on one channel together; every span alone."""
-    alike: dict[tuple[str, str], list[Label]] = {}
+    by_kind: dict[tuple[str, str], list[Label]] = {}
     alone: list[list[Label]] = []
     for label in labels:
         if label.kind in SPAN_KINDS:
             alone.append([label])
         else:
-            alike.setdefault((label.kind, label.channel), []).append(label)
-    return [*alike.values(), *alone]
+            by_kind.setdefault((label.kind, label.channel), []).append(label)
+    return [*by_kind.values(), *alone]
 
 
 def _groups(labels: Sequence[Label]) -> list[list[Label]]:
@@ -291,18 +291,18 @@ def item_of(annotation: Annotation, start_ns: int) -> Item:
     )
 
 
-def label_of(item: Item, start_ns: int, place: str = "annotation") -> Label:
+def label_of(item: Item, start_ns: int, where: str = "annotation") -> Label:
     """Return the label that an item says; its kind and times are not checked.
 
     Raises
     ------
     AnnotationError
-        Where a time is not one; names ``place``.
+        Where a time is not one; names ``where``.
     """
-    time_ns = _time(item.time_ns, item.time_s, start_ns, f"{place}: time")
+    time_ns = _time(item.time_ns, item.time_s, start_ns, f"{where}: time")
     end_ns = None
     if item.end_s is not None or item.end_ns:
-        end_ns = _time(item.end_ns or "", item.end_s or 0.0, start_ns, f"{place}: end")
+        end_ns = _time(item.end_ns or "", item.end_s or 0.0, start_ns, f"{where}: end")
     return Label(
         time_ns,
         item.kind,
@@ -314,14 +314,14 @@ def label_of(item: Item, start_ns: int, place: str = "annotation") -> Label:
     )
 
 
-def _time(exact: str, since_s: float, start_ns: int, place: str) -> int:
+def _time(exact: str, since_s: float, start_ns: int, where: str) -> int:
     """Return a time [ns]: the exact one, or the seconds since the start."""
     if exact:
         if not (exact.isascii() and exact.isdecimal() and len(exact) < 20):
-            raise AnnotationError(f"{place}: expected nanoseconds, found {exact[:40]!r}")
+            raise AnnotationError(f"{where}: expected nanoseconds, found {exact[:40]!r}")
         return int(exact)
     if not abs(since_s) < _LONGEST_S:
-        raise AnnotationError(f"{place}: expected seconds, found {since_s:g}")
+        raise AnnotationError(f"{where}: expected seconds, found {since_s:g}")
     return start_ns + round(Decimal(repr(float(since_s))) * NS_PER_S)
 
 

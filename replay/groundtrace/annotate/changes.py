@@ -120,8 +120,8 @@ class Done:
 
 def unchanged(path: Path) -> Done:
     """Return the annotations of a recording as they are."""
-    found = stored(path)
-    return Done(path, found.key, found.extent, found.kept.annotations, found.kept.remarks)
+    state = stored(path)
+    return Done(path, state.key, state.extent, state.kept.annotations, state.kept.remarks)
 
 
 def changed(path: Path, author: str, asked: Changes) -> Done:
@@ -178,11 +178,11 @@ def parse_mark(text: str, extent: Extent, option: str) -> Label:
     AnnotationError
         Where the text is neither; names ``option``.
     """
-    found = _MARK.fullmatch(text)
+    match = _MARK.fullmatch(text)
     try:
-        if found is None:
+        if match is None:
             raise InvalidOperation
-        times = [Decimal(t) for t in found.group("from", "to") if t is not None]
+        times = [Decimal(t) for t in match.group("from", "to") if t is not None]
     except InvalidOperation as error:
         raise AnnotationError(
             f"{option}: expected KIND@SECONDS or KIND@FROM-TO, found {text[:40]!r}"
@@ -190,13 +190,13 @@ def parse_mark(text: str, extent: Extent, option: str) -> Label:
     # beyond any recording; the check of times then says so
     since_ns = [round(min(t, Decimal(10**9)) * NS_PER_S) for t in times]
     start_ns, end_ns = (extent.start_ns + ns for ns in (since_ns[0], since_ns[-1]))
-    return Label(start_ns, found.group("kind"), end_ns if len(times) > 1 else None)
+    return Label(start_ns, match.group("kind"), end_ns if len(times) > 1 else None)
 
 
 def document(done: Done, *, with_conflicts: bool) -> dict[str, Any]:
     """Return all of it as one JSON document, which ``--merge`` takes."""
-    found: dict[str, Any] = msgspec.to_builtins(document_of(done.key, done.annotations))
-    found |= {
+    content: dict[str, Any] = msgspec.to_builtins(document_of(done.key, done.annotations))
+    content |= {
         "sidecar": str(sidecar_path(done.path)),
         "actions": [{"action": what, "id": a.id} for what, a in done.actions],
         "undone": done.undone,
@@ -205,8 +205,8 @@ def document(done: Done, *, with_conflicts: bool) -> dict[str, Any]:
         "remarks": list(done.remarks),
     }
     if with_conflicts:
-        found["conflicts"] = [_conflict(c) for c in conflicts(done.annotations)]
-    return found
+        content["conflicts"] = [_conflict(c) for c in conflicts(done.annotations)]
+    return content
 
 
 def _merge(file: Path, merge: Merge) -> dict[str, object]:

@@ -61,8 +61,8 @@ class Change:
     @property
     def id(self) -> str:
         """Id of the annotation."""
-        kept = self.after or self.before
-        return kept.id if kept is not None else ""
+        annotation = self.after or self.before
+        return annotation.id if annotation is not None else ""
 
     @property
     def reversed(self) -> Change:
@@ -179,8 +179,8 @@ def read_journal(path: Path) -> Journal:
         Where it is not a journal, or a line before the last cannot be read.
     """
     content = path.read_bytes()
-    whole = content[: content.rfind(b"\n") + 1]
-    lines = whole.splitlines(keepends=True)
+    complete = content[: content.rfind(b"\n") + 1]
+    lines = complete.splitlines(keepends=True)
     header = _header(lines[0] if lines else b"", path.name)
     actions: list[Action] = []
     length = len(lines[0])
@@ -188,10 +188,10 @@ def read_journal(path: Path) -> Journal:
         try:
             actions.append(msgspec.json.decode(line, type=Action))
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            if number == len(lines) and len(whole) == len(content):
+            if number == len(lines) and len(complete) == len(content):
                 break
-            place = f"{path.name}: line {number}"
-            raise AnnotationError(f"{place}: expected an action, found: {error}") from error
+            where = f"{path.name}: line {number}"
+            raise AnnotationError(f"{where}: expected an action, found: {error}") from error
         length += len(line)
     return Journal(header, tuple(actions), length, length < len(content))
 
@@ -379,8 +379,8 @@ def stored(recording: Path) -> Stored:
 def _described(recording: Path) -> tuple[RecordingKey, Extent, tuple[Annotation, ...]]:
     with Recording.open(recording) as opened:
         if not opened.streams or RUN in opened.metadata:
-            found = "a result" if RUN in opened.metadata else "none"
-            raise RecordingError(f"{opened.name}: expected signals to annotate, found {found}")
+            actual = "a result" if RUN in opened.metadata else "none"
+            raise RecordingError(f"{opened.name}: expected signals to annotate, found {actual}")
         names = frozenset(c.name for stream in opened.streams for c in stream.channels)
         extent = Extent(opened.start_ns, opened.end_ns, names)
         inside = opened.annotations
@@ -459,20 +459,20 @@ def _check_pair(sidecar: Sidecar | None, journal: Journal, path: Path) -> None:
     """Refuse a sidecar and a journal of which neither holds all of the other."""
     if sidecar is None:
         return
-    place = journal_of(path).name
+    where = journal_of(path).name
     if journal.header.id != sidecar.journal:
         raise AnnotationError(
-            f"{place}: expected the journal of {path.name}, found that of another; move one of "
+            f"{where}: expected the journal of {path.name}, found that of another; move one of "
             "the two away, and take it in with --merge"
         )
     if sidecar.actions > len(journal.actions):
         raise AnnotationError(
-            f"{place}: expected the {sidecar.actions} actions of {path.name}, "
+            f"{where}: expected the {sidecar.actions} actions of {path.name}, "
             f"found {len(journal.actions)}; move it away to go on with the sidecar"
         )
 
 
-def check_key(found: RecordingKey, expected: RecordingKey, name: str) -> None:
+def check_key(actual: RecordingKey, expected: RecordingKey, name: str) -> None:
     """Refuse annotations of another recording.
 
     Raises
@@ -480,10 +480,10 @@ def check_key(found: RecordingKey, expected: RecordingKey, name: str) -> None:
     AnnotationError
         Where the hashes differ; names ``name``.
     """
-    if found.sha256 != expected.sha256:
+    if actual.sha256 != expected.sha256:
         raise AnnotationError(
             f"{name}: recording: expected {expected.name[:80]} (sha256 {expected.sha256[:12]}), "
-            f"found annotations of {found.name[:80]} (sha256 {found.sha256[:12]})"
+            f"found annotations of {actual.name[:80]} (sha256 {actual.sha256[:12]})"
         )
 
 
@@ -520,7 +520,7 @@ class Extent:
         return (time_ns - self.start_ns) / NS_PER_S
 
 
-def named(author: str, place: str = "author") -> str:
+def named(author: str, where: str = "author") -> str:
     """Return the name of an annotator.
 
     Raises
@@ -529,38 +529,38 @@ def named(author: str, place: str = "author") -> str:
         Where it is empty, long, or more than a line.
     """
     if not author.strip():
-        raise AnnotationError(f"{place}: expected a name, found nothing")
-    return _text(author.strip(), place, _LONGEST_NAME, one_line=True)
+        raise AnnotationError(f"{where}: expected a name, found nothing")
+    return _text(author.strip(), where, _LONGEST_NAME, one_line=True)
 
 
-def checked(label: Label, extent: Extent, place: str = "annotation") -> Label:
+def checked(label: Label, extent: Extent, where: str = "annotation") -> Label:
     """Return a label that may be kept as an annotation.
 
     Raises
     ------
     AnnotationError
         Where the kind is not one of those a person may mark, a time lies outside the recording, or
-        a kind lacks what it needs; names ``place`` and the field.
+        a kind lacks what it needs; names ``where`` and the field.
     """
     if label.kind not in ANNOTATION_KINDS:
         kinds = ", ".join(sorted(ANNOTATION_KINDS))
-        raise AnnotationError(f"{place}: kind: expected one of {kinds}, found {label.kind[:40]!r}")
-    _check_times(label, extent, place)
+        raise AnnotationError(f"{where}: kind: expected one of {kinds}, found {label.kind[:40]!r}")
+    _check_times(label, extent, where)
     if label.channel not in extent.channels and (label.channel or label.kind == "pick"):
         names = ", ".join(sorted(extent.channels))
-        found = repr(label.channel[:40]) if label.channel else "none"
-        raise AnnotationError(f"{place}: channel: expected one of {names}, found {found}")
+        actual = repr(label.channel[:40]) if label.channel else "none"
+        raise AnnotationError(f"{where}: channel: expected one of {names}, found {actual}")
     for name in ("x_m", "y_m", "value"):
         number = getattr(label, name)
         if number is not None and not math.isfinite(number):
-            raise AnnotationError(f"{place}: {name}: expected a finite number, found {number}")
+            raise AnnotationError(f"{where}: {name}: expected a finite number, found {number}")
     for name in ("channel", "label", "target"):
-        _text(getattr(label, name), f"{place}: {name}", _LONGEST_NAME, one_line=True)
-    _text(label.note, f"{place}: note", _LONGEST_NOTE)
-    return replace(label, author=named(label.author, f"{place}: author"))
+        _text(getattr(label, name), f"{where}: {name}", _LONGEST_NAME, one_line=True)
+    _text(label.note, f"{where}: note", _LONGEST_NOTE)
+    return replace(label, author=named(label.author, f"{where}: author"))
 
 
-def checked_annotation(annotation: Annotation, extent: Extent, place: str) -> Annotation:
+def checked_annotation(annotation: Annotation, extent: Extent, where: str) -> Annotation:
     """Return an annotation made elsewhere that may be kept here.
 
     Raises
@@ -568,18 +568,18 @@ def checked_annotation(annotation: Annotation, extent: Extent, place: str) -> An
     AnnotationError
         As :func:`checked`, or where its id or wall clock cannot be kept.
     """
-    at = f"{place}: {annotation.id[:40]!r}"
+    at = f"{where}: {annotation.id[:40]!r}"
     if not annotation.id:
-        raise AnnotationError(f"{place}: id: expected one, found nothing")
+        raise AnnotationError(f"{where}: id: expected one, found nothing")
     _text(annotation.id, f"{at}: id", _LONGEST_NAME, one_line=True)
     for name in ("created_ns", "edited_ns"):
         if not 0 <= getattr(annotation, name) < _INT64_LIMIT:
-            found = getattr(annotation, name)
-            raise AnnotationError(f"{at}: {name}: expected an int64 from 0 on, found {found}")
+            actual = getattr(annotation, name)
+            raise AnnotationError(f"{at}: {name}: expected an int64 from 0 on, found {actual}")
     return replace(annotation, label=checked(annotation.label, extent, at))
 
 
-def _check_times(label: Label, extent: Extent, place: str) -> None:
+def _check_times(label: Label, extent: Extent, where: str) -> None:
     times = [("time", label.time_ns)]
     if label.end_ns is not None:
         times.append(("end", label.end_ns))
@@ -588,31 +588,31 @@ def _check_times(label: Label, extent: Extent, place: str) -> None:
         if early or time_ns < 0 or time_ns > extent.end_ns + _ROUNDING_NS:
             last = extent.seconds(extent.end_ns)
             raise AnnotationError(
-                f"{place}: {name}: expected 0 to {last:.3f} s, as long as the recording is, "
+                f"{where}: {name}: expected 0 to {last:.3f} s, as long as the recording is, "
                 f"found {extent.seconds(time_ns):.3f} s"
             )
     if label.kind in SPAN_KINDS:
         if label.end_ns is None or label.end_ns <= label.time_ns:
-            found = "none" if label.end_ns is None else "one before it"
+            actual = "none" if label.end_ns is None else "one before it"
             raise AnnotationError(
-                f"{place}: end: expected one after the start, as {label.kind} is a span, "
-                f"found {found}"
+                f"{where}: end: expected one after the start, as {label.kind} is a span, "
+                f"found {actual}"
             )
     elif label.end_ns is not None:
         raise AnnotationError(
-            f"{place}: end: expected none, as {label.kind} is a moment, found one"
+            f"{where}: end: expected none, as {label.kind} is a moment, found one"
         )
 
 
-def _text(text: str, place: str, longest: int, *, one_line: bool = False) -> str:
+def _text(text: str, where: str, longest: int, *, one_line: bool = False) -> str:
     if len(text) > longest:
-        raise AnnotationError(f"{place}: expected at most {longest} characters, found {len(text)}")
+        raise AnnotationError(f"{where}: expected at most {longest} characters, found {len(text)}")
     if one_line and not text.isprintable():
-        raise AnnotationError(f"{place}: expected printable text in one line, found {text!r}")
+        raise AnnotationError(f"{where}: expected printable text in one line, found {text!r}")
     try:
         text.encode()
     except UnicodeEncodeError as error:
-        raise AnnotationError(f"{place}: expected Unicode text, found {error.reason}") from error
+        raise AnnotationError(f"{where}: expected Unicode text, found {error.reason}") from error
     return text
 
 
@@ -637,19 +637,19 @@ class Annotations:
         What was found amiss when opening, one line each.
     """
 
-    def __init__(self, recording: Path, found: Stored, author: str, lock: WriterLock) -> None:
+    def __init__(self, recording: Path, state: Stored, author: str, lock: WriterLock) -> None:
         self.path = sidecar_path(recording)
         self.author = author
-        self.key: RecordingKey = found.key
-        self.extent: Extent = found.extent
-        self.remarks = found.kept.remarks
-        self._items = {a.id: a for a in found.kept.annotations}
-        self._begun = found.kept.journal
+        self.key: RecordingKey = state.key
+        self.extent: Extent = state.extent
+        self.remarks = state.kept.remarks
+        self._items = {a.id: a for a in state.kept.annotations}
+        self._begun = state.kept.journal
         self._journal_path = journal_of(self.path)
         self._writer: JournalWriter | None = None
         self._lock = lock
         self._one_at_a_time = threading.RLock()
-        if self._begun.length and not found.kept.current:
+        if self._begun.length and not state.kept.current:
             self._write_sidecar()
 
     @classmethod
@@ -718,12 +718,12 @@ class Annotations:
             Where there is none.
         """
         with self._one_at_a_time:
-            found = self._items.get(id_)
-        if found is None:
+            annotation = self._items.get(id_)
+        if annotation is None:
             raise AnnotationError(
                 f"{self.path.name}: expected an annotation {id_[:40]!r}, found none"
             )
-        return found
+        return annotation
 
     def add(self, label: Label) -> Annotation:
         """Keep a label; without an author it is this one's.
@@ -734,10 +734,10 @@ class Annotations:
             Where it is not as :func:`checked` expects, or cannot be
             kept.
         """
-        kept = self._checked(label, self.author)
+        checked_label = self._checked(label, self.author)
         with self._one_at_a_time:
             now = time.time_ns()
-            added = Annotation(self._new_id(), kept, now, now)
+            added = Annotation(self._new_id(), checked_label, now, now)
             self._do("add", (Change(None, added),))
         return added
 
@@ -751,8 +751,8 @@ class Annotations:
         """
         with self._one_at_a_time:
             before = self.of(id_)
-            kept = self._checked(label, before.label.author)
-            after = replace(before, label=kept, edited_ns=time.time_ns())
+            checked_label = self._checked(label, before.label.author)
+            after = replace(before, label=checked_label, edited_ns=time.time_ns())
             self._do("edit", (Change(before, after),))
         return after
 
@@ -848,15 +848,15 @@ class Annotations:
         from groundtrace_codecs.writer import write_sidecar
 
         journal = self._writer.journal if self._writer is not None else self._begun
-        kept = Sidecar(self.key, self.items, journal.header.id, len(journal.actions))
+        sidecar = Sidecar(self.key, self.items, journal.header.id, len(journal.actions))
         there = f"; the journal {self._journal_path.name} has all of it"
         try:
-            write_sidecar(self.path, kept)
+            write_sidecar(self.path, sidecar)
         except CodecError as error:
             raise AnnotationError(f"{error}{there}") from error
         except OSError as error:
-            said = f"{self.path}: {not_written(error.strerror)}{there}"
-            raise AnnotationError(said) from error
+            text = f"{self.path}: {not_written(error.strerror)}{there}"
+            raise AnnotationError(text) from error
 
 
 def _unwritable(beside: Path, error: OSError) -> AnnotationError:
@@ -910,15 +910,15 @@ def incoming(path: Path, key: RecordingKey, extent: Extent) -> tuple[Annotation,
             sidecar = read_sidecar(path)
         except CodecError as error:
             raise AnnotationError(str(error)) from error
-        found, annotations = sidecar.key, sidecar.annotations
+        file_key, annotations = sidecar.key, sidecar.annotations
     else:
-        found, annotations = from_json(content, key.start_ns, path.name)
-    check_key(found, key, path.name)
+        file_key, annotations = from_json(content, key.start_ns, path.name)
+    check_key(file_key, key, path.name)
     return tuple(checked_annotation(a, extent, path.name) for a in annotations)
 
 
 def merged(
-    items: Mapping[str, Annotation], known: Collection[str], others: Sequence[Annotation]
+    items: Mapping[str, Annotation], past_ids: Collection[str], others: Sequence[Annotation]
 ) -> Merge:
     """Compare annotations that came with those that are here.
 
@@ -926,7 +926,7 @@ def merged(
     ----------
     items
         What is here, by id.
-    known
+    past_ids
         Every id that was ever here.
     others
         What came.
@@ -938,20 +938,20 @@ def merged(
         in two forms, what is here stays and a conflict says so.
     """
     added: dict[str, Annotation] = {}
-    said = {a.label for a in items.values()}
+    labels = {a.label for a in items.values()}
     clashes: list[Conflict] = []
     same = 0
     for other in others:
         here = items.get(other.id) or added.get(other.id)
-        if here is None and other.id in known:
+        if here is None and other.id in past_ids:
             clashes.append(Conflict("deleted here", (other,)))
         elif here is not None and here.label != other.label:
             clashes.append(Conflict("edited", (here, other)))
-        elif here is not None or other.label in said:
+        elif here is not None or other.label in labels:
             same += 1
         else:
             added[other.id] = other
-            said.add(other.label)
+            labels.add(other.label)
     everything = [*items.values(), *added.values()]
     clashes += [c for c in conflicts(everything) if any(a.id in added for a in c.annotations)]
     return Merge(tuple(added.values()), same, tuple(clashes))

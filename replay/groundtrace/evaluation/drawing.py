@@ -155,7 +155,7 @@ class Drawing:
             "color": COLOURS[colour],
         } | more
         (drawn,) = self.axes.plot(across[seen], up[seen], linestyle="", markersize=size, **look)
-        self.tell(drawn, [tip for tip, kept in zip(tips, seen, strict=False) if kept])
+        self.tell(drawn, [tip for tip, is_finite in zip(tips, seen, strict=False) if is_finite])
 
     def line(self, x: ArrayLike, y: ArrayLike, colour: str, dashes: str = "-", **more: Any) -> None:
         """Add a line through points; it breaks where one is not finite."""
@@ -259,8 +259,8 @@ def _tidy(element: ElementTree.Element, *, alone: bool) -> None:
         if child.tag in ("g", "defs") and not len(child):
             element.remove(child)
         elif child.tag == "g" and not child.attrib:
-            place = list(element).index(child)
-            element[place : place + 1] = list(child)
+            index = list(element).index(child)
+            element[index : index + 1] = list(child)
     for rule in element.attrib.pop("style", "").split("; "):
         name, _, value = rule.partition(": ")
         if name and name not in _LEFT_OUT and (name, value) != ("font-size", f"{FONT_PX}px"):
@@ -275,7 +275,7 @@ def _tidy(element: ElementTree.Element, *, alone: bool) -> None:
         del element.attrib["transform"]
     named = {} if alone else {hexed: f"var(--{name})" for name, hexed in COLOURS.items()}
     for name, value in element.attrib.items():
-        short = _FRACTION.sub(lambda found: f"{round(float(found[0]), 2):g}", value)
+        short = _FRACTION.sub(lambda match: f"{round(float(match[0]), 2):g}", value)
         element.set(name, named.get(short, " ".join(short.split())))
     if len(element) and all(child.tag == "use" for child in element):
         _share(element)

@@ -49,11 +49,11 @@ def tolerance_figure(score: StepScore, matching: StepMatch, start_ns: int) -> Ma
     def chance(f1: ChanceF1) -> list[float]:
         return [f1(truth, matching.spans, score.detected, t) for t in tolerances]
 
-    found = [f1 for _, f1 in score.curve]
+    f1_curve = [f1 for _, f1 in score.curve]
     for name, colour, style, values in (
         ("metronome", "chance", "--", chance(metronome_f1)),
         ("random", "random", ":", chance(random_f1)),
-        ("this result", "result", "-", found),
+        ("this result", "result", "-", f1_curve),
     ):
         at_ms = 1e3 * np.array(tolerances)
         tips = [f"{name}: F1 {v:.3f} at {t:.0f} ms" for t, v in zip(at_ms, values, strict=True)]
@@ -104,21 +104,21 @@ def timeline_figure(matching: StepMatch, start_ns: int, end_ns: int) -> Markup:
     if row_s >= length:
         label, side = TIME, ""
     plot = Drawing("Steps over time", label, side, WIDE, 66 + 40 * max(len(used), 1))
-    for place, row in enumerate(used):
+    for row_index, row in enumerate(used):
         begin, end = row * row_s, (row + 1) * row_s
         inside = [(max(a, begin), min(b, end)) for a, b in matching.spans if a < end and b > begin]
         spans = [(a - begin, b - a) for a, b in inside]
-        plot.axes.broken_barh(spans, (-place - 0.42, 0.84), color=COLOURS["scored"])
-        plot.axes.axhline(-place, color=COLOURS["soft"], linewidth=0.8)
+        plot.axes.broken_barh(spans, (-row_index - 0.42, 0.84), color=COLOURS["scored"])
+        plot.axes.axhline(-row_index, color=COLOURS["soft"], linewidth=0.8)
     for (_, seconds, alone, wrong, what, lift), rows_at in zip(sides, row_of, strict=True):
         missing = np.zeros(len(seconds), np.bool_)
         missing[alone] = True
         up = lift - np.searchsorted(used, rows_at)
-        for colour, word, kept in (("hit", "matched", ~missing), (wrong, wrong, missing)):
-            tips = [f"{what} at {t:.3f} s: {word}" for t in seconds[kept]]
-            at = np.clip(seconds - rows_at * row_s, 0, row_s)[kept]
+        for colour, word, selected in (("hit", "matched", ~missing), (wrong, wrong, missing)):
+            tips = [f"{what} at {t:.3f} s: {word}" for t in seconds[selected]]
+            at = np.clip(seconds - rows_at * row_s, 0, row_s)[selected]
             width = 1.6 if colour == "hit" else 3.2
-            plot.dots(at, up[kept], colour, tips, 14, marker="|", markeredgewidth=width)
+            plot.dots(at, up[selected], colour, tips, 14, marker="|", markeredgewidth=width)
     plot.axes.set(xlim=(-0.004 * row_s, 1.004 * row_s), ylim=(0.5 - max(len(used), 1), 0.5))
     if side:
         plot.axes.set_yticks(-np.arange(len(used)), [f"{row * row_s:g}" for row in used])
@@ -131,8 +131,10 @@ def timeline_figure(matching: StepMatch, start_ns: int, end_ns: int) -> Markup:
 def pick_figure(residuals: PickResiduals) -> Markup:
     """Return the errors of the first picks, impact by impact; far ones at the edge."""
     errors, states = residuals.error_s * 1e3, np.array(residuals.states())
-    known = np.abs(errors[~np.isnan(errors)])
-    reach = float(np.clip(1.3 * np.percentile(known, 98) if len(known) else 1, 0.5, ANSWER_S * 1e3))
+    abs_errors = np.abs(errors[~np.isnan(errors)])
+    reach = float(
+        np.clip(1.3 * np.percentile(abs_errors, 98) if len(abs_errors) else 1, 0.5, ANSWER_S * 1e3)
+    )
     at, height = np.empty(len(errors)), np.where(np.isnan(errors), -1.05 * reach, errors)
     tips = [
         f"{residuals.impacts[i]}, {channel}: " + ("no pick" if np.isnan(e) else f"{e:+.2f} ms")
@@ -149,13 +151,15 @@ def pick_figure(residuals: PickResiduals) -> Markup:
             middle = float(np.clip(np.median(good), -reach, reach))
             plot.line([i + 0.75, i + 1.25], [middle, middle], "ink")
     none = np.isnan(errors)
-    for colour, kept in (
+    for colour, selected in (
         ("missed", none),
         ("false", ~none & (states == "missed")),
         ("result", ~none & (states != "missed")),
     ):
-        told = [tip for tip, each in zip(tips, kept, strict=True) if each]
-        plot.dots(at[kept], np.clip(height, -1.05 * reach, reach)[kept], colour, told)
+        selected_tips = [tip for tip, each in zip(tips, selected, strict=True) if each]
+        plot.dots(
+            at[selected], np.clip(height, -1.05 * reach, reach)[selected], colour, selected_tips
+        )
     plot.axes.set(xlim=(0.4, len(residuals.impacts) + 0.6), ylim=(-1.15 * reach, 1.1 * reach))
     plot.axes.locator_params(axis="x", integer=True)
     plot.axes.grid(visible=False, axis="x")
@@ -216,13 +220,13 @@ def _to_scale(title: str, x: str, y: str) -> Drawing:
     return plot
 
 
-def distance_figure(found: Sequence[Moment], start_ns: int) -> Markup:
+def distance_figure(moments: Sequence[Moment], start_ns: int) -> Markup:
     """Return OSPA and GOSPA over time."""
-    seconds = [(m.time_ns - start_ns) / NS_PER_S for m in found]
+    seconds = [(m.time_ns - start_ns) / NS_PER_S for m in moments]
     plot = Drawing("OSPA and GOSPA over time", TIME, "Distance [m]")
-    plot.line(seconds, [m.gospa_m for m in found], "chance", "--")
-    plot.line(seconds, [m.ospa_m for m in found], "result")
-    plot.axes.set_ylim(0, 1.1 * max(0.1, *(max(m.ospa_m, m.gospa_m) for m in found)))
+    plot.line(seconds, [m.gospa_m for m in moments], "chance", "--")
+    plot.line(seconds, [m.ospa_m for m in moments], "result")
+    plot.axes.set_ylim(0, 1.1 * max(0.1, *(max(m.ospa_m, m.gospa_m) for m in moments)))
     return plot.svg()
 
 
@@ -251,22 +255,22 @@ def pass_figure(
     span_ns
         First and last sample of the recording [ns].
     """
-    truth, found = scored_passes(labels, passes)
-    known = {id(item) for pair in match_passes(truth, found) for item in pair}
-    stations = sorted({x.channel for x in truth} | {p.station for p in found}, reverse=True)
+    truth, detected = scored_passes(labels, passes)
+    matched_ids = {id(item) for pair in match_passes(truth, detected) for item in pair}
+    stations = sorted({x.channel for x in truth} | {p.station for p in detected}, reverse=True)
     plot = Drawing("Every pass", TIME, "", WIDE, 80 + 42 * len(stations))
     marks: dict[str, list[tuple[float, float, str]]] = {}
     for x in truth:
         at_s, words = (x.time_ns - span_ns[0]) / NS_PER_S, shown(x.value, "m/s", 1)
         tip = f"{at_s:.2f} s: true, {x.target}, {x.label}, {words}"
         row = stations.index(x.channel) + 0.14
-        marks.setdefault("hit" if id(x) in known else "missed", []).append((at_s, row, tip))
-    for p in found:
+        marks.setdefault("hit" if id(x) in matched_ids else "missed", []).append((at_s, row, tip))
+    for p in detected:
         at_s = (p.time_ns - span_ns[0]) / NS_PER_S
         words = f"vehicle {p.vehicle or 'untold'}, {p.direction or 'no direction'}"
         tip = f"{at_s:.2f} s: found, {words}, {p.speed_mps:.1f} m/s"
         row = stations.index(p.station) - 0.14
-        marks.setdefault("result" if id(p) in known else "false", []).append((at_s, row, tip))
+        marks.setdefault("result" if id(p) in matched_ids else "false", []).append((at_s, row, tip))
     for colour, of in marks.items():
         seconds, rows, tips = zip(*of, strict=True)
         plot.dots(seconds, rows, colour, tips, 9)

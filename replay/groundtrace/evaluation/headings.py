@@ -73,17 +73,17 @@ def score_headings(
     times, errors = heading_errors(labels, headings, tolerance_s)
     if not len(times) or not headings:
         return None
-    found = errors[~np.isnan(errors)]
-    if not len(found):
+    valid_errors = errors[~np.isnan(errors)]
+    if not len(valid_errors):
         return HeadingScore(headings[-1].stage, len(times), 0, None, None, None)
-    bias = float(np.angle(np.exp(1j * found).mean()))
+    bias = float(np.angle(np.exp(1j * valid_errors).mean()))
     return HeadingScore(
         stage=headings[-1].stage,
         truth=len(times),
-        n=len(found),
-        rmse_deg=float(np.degrees(np.sqrt(np.mean(found**2)))),
+        n=len(valid_errors),
+        rmse_deg=float(np.degrees(np.sqrt(np.mean(valid_errors**2)))),
         bias_deg=float(np.degrees(bias)),
-        p95_deg=float(np.degrees(np.percentile(np.abs(found), 95))),
+        p95_deg=float(np.degrees(np.percentile(np.abs(valid_errors), 95))),
     )
 
 
@@ -99,34 +99,36 @@ def heading_errors(
     )
     times = np.array([time for time, _ in rows], np.int64)
     true = np.array([value for _, value in rows], np.float64)
-    kept = ~ignored(labels, times)
-    times, true = times[kept], true[kept]
+    scored = ~ignored(labels, times)
+    times, true = times[scored], true[scored]
     if not headings:
         return times, np.full(len(times), np.nan)
     ordered = sorted(headings, key=lambda heading: heading.time_ns)
-    known_ns = np.array([heading.time_ns for heading in ordered], np.int64)
-    known = np.array([heading.heading_rad for heading in ordered], np.float64)
-    return times, wrap_angles(_at(known_ns, known, times, tolerance_s) - true)
+    headings_ns = np.array([heading.time_ns for heading in ordered], np.int64)
+    headings_rad = np.array([heading.heading_rad for heading in ordered], np.float64)
+    return times, wrap_angles(_at(headings_ns, headings_rad, times, tolerance_s) - true)
 
 
 def _at(
-    known_ns: NDArray[np.int64],
-    known: NDArray[np.float64],
+    headings_ns: NDArray[np.int64],
+    headings_rad: NDArray[np.float64],
     times: NDArray[np.int64],
     tolerance_s: float,
 ) -> NDArray[np.float64]:
     """Return headings at times [rad]: between two close ones, else the nearest, else NaN."""
-    after = np.clip(np.searchsorted(known_ns, times), 0, len(known) - 1)
+    after = np.clip(np.searchsorted(headings_ns, times), 0, len(headings_rad) - 1)
     before = np.maximum(after - 1, 0)
-    gap = known_ns[after] - known_ns[before]
-    between = (known_ns[before] <= times) & (times <= known_ns[after])
+    gap = headings_ns[after] - headings_ns[before]
+    between = (headings_ns[before] <= times) & (times <= headings_ns[after])
     between &= (gap > 0) & (gap <= HOLD_S * NS_PER_S)
-    part = (times - known_ns[before]) / np.maximum(gap, 1)
-    turned = known[before] + part * wrap_angles(known[after] - known[before])
-    earlier = np.abs(times - known_ns[before]) <= np.abs(known_ns[after] - times)
+    part = (times - headings_ns[before]) / np.maximum(gap, 1)
+    interpolated = headings_rad[before] + part * wrap_angles(
+        headings_rad[after] - headings_rad[before]
+    )
+    earlier = np.abs(times - headings_ns[before]) <= np.abs(headings_ns[after] - times)
     nearest = np.where(earlier, before, after)
-    near = np.abs(known_ns[nearest] - times) <= tolerance_s * NS_PER_S
-    return np.where(between, turned, np.where(near, known[nearest], np.nan))
+    near = np.abs(headings_ns[nearest] - times) <= tolerance_s * NS_PER_S
+    return np.where(between, interpolated, np.where(near, headings_rad[nearest], np.nan))
 
 
 #: Time between two of the moments at which disturbances are compared [ns]. Chosen by judgement:
@@ -164,7 +166,7 @@ class DisturbanceScore:
 
 def score_disturbances(
     labels: Sequence[Label],
-    found: Sequence[Disturbance],
+    disturbances: Sequence[Disturbance],
     start_ns: int,
     end_ns: int,
     *,
@@ -176,11 +178,11 @@ def score_disturbances(
     ----------
     labels
         The truth; nothing is scored inside ``ignore`` spans.
-    found
+    disturbances
         Of one stage.
     start_ns, end_ns
         First and last sample of the recording [ns].
-    error_text
+    told_by
         The stage that would have found some; empty where there is none.
 
     Returns
@@ -189,23 +191,23 @@ def score_disturbances(
     disturbed span, all that was found is a false alarm.
     """
     true = _spans(labels, "disturbed")
-    if not labels or not (found or told_by):
+    if not labels or not (disturbances or told_by):
         return None
     count = (end_ns - start_ns) // FRAME_NS + 1
     scored = ~_frames(_spans(labels, "ignore"), start_ns, count)
     truth = _frames(true, start_ns, count) & scored
-    said = _frames(((x.time_ns, x.end_ns) for x in found), start_ns, count) & scored
-    both, n_truth, n_said = (int(x.sum()) for x in (truth & said, truth, said))
+    detected = _frames(((x.time_ns, x.end_ns) for x in disturbances), start_ns, count) & scored
+    both, n_truth, n_detected = (int(x.sum()) for x in (truth & detected, truth, detected))
     frame_s = FRAME_NS / 1e9
     return DisturbanceScore(
-        stage=found[-1].stage if found else told_by,
-        precision=both / n_said if n_said else None,
+        stage=disturbances[-1].stage if disturbances else told_by,
+        precision=both / n_detected if n_detected else None,
         recall=both / n_truth if n_truth else None,
-        f1=f1_score(n_truth, n_said, both) if n_truth else None,
+        f1=f1_score(n_truth, n_detected, both) if n_truth else None,
         truth_s=n_truth * frame_s,
-        found_s=n_said * frame_s,
+        found_s=n_detected * frame_s,
         both_s=both * frame_s,
-        false_alarm_s=(n_said - both) * frame_s,
+        false_alarm_s=(n_detected - both) * frame_s,
         scored_s=int(scored.sum()) * frame_s,
     )
 

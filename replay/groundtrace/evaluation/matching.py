@@ -32,7 +32,7 @@ CHANCE_SEED = 20_170_319
 
 
 def match(
-    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
+    truth: NDArray[np.float64], detected: NDArray[np.float64], tolerance_s: float
 ) -> NDArray[np.intp]:
     """Match two sorted lists of times one to one, each pair at most ``tolerance_s`` apart.
 
@@ -41,10 +41,10 @@ def match(
 
     Returns
     -------
-    Index pairs (truth, found), shape (n, 2).
+    Index pairs (truth, detected), shape (n, 2).
     """
     pairs: tuple[list[int], list[int]] = ([], [])
-    steps, answers = truth.tolist(), found.tolist()  # Python's floats are the faster ones here
+    steps, answers = truth.tolist(), detected.tolist()  # Python's floats are the faster ones here
     n, m = len(steps), len(answers)
     i = j = 0
     while i < n and j < m:
@@ -61,14 +61,14 @@ def match(
     return np.array(pairs, np.intp).T
 
 
-def f1_score(truth: int, found: int, matched: int) -> float:
+def f1_score(truth: int, detected: int, matched: int) -> float:
     """Return the harmonic mean of precision and recall; 0 where nothing is there."""
-    return 2 * matched / (truth + found) if truth + found else 0.0
+    return 2 * matched / (truth + detected) if truth + detected else 0.0
 
 
-def f1_of(truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float) -> float:
+def f1_of(truth: NDArray[np.float64], detected: NDArray[np.float64], tolerance_s: float) -> float:
     """Return the F1 of detections at one tolerance."""
-    return f1_score(len(truth), len(found), len(match(truth, found, tolerance_s)))
+    return f1_score(len(truth), len(detected), len(match(truth, detected, tolerance_s)))
 
 
 def random_f1(
@@ -164,8 +164,8 @@ def scored_spans(
         for x in labels
         if x.kind == "ignore" and x.end_ns is not None
     ]
-    whole = [(-tolerance_s, seconds(end_ns, start_ns) + tolerance_s)]
-    spans = _cut(_merged(walking) or whole, ignored)
+    recording_span = [(-tolerance_s, seconds(end_ns, start_ns) + tolerance_s)]
+    spans = _cut(_merged(walking) or recording_span, ignored)
     return np.array(sorted(spans), np.float64).reshape(-1, 2)
 
 
@@ -256,8 +256,8 @@ class TrueSteps:
         spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
         truth_s = (truth_ns - start_ns) / NS_PER_S
         scored = inside(truth_s, spans)
-        own = (truth_ns[scored], truth_s[scored])
-        return cls(*own, spans, start_ns, tolerance_s, truth_s[~scored])
+        scored_steps = (truth_ns[scored], truth_s[scored])
+        return cls(*scored_steps, spans, start_ns, tolerance_s, truth_s[~scored])
 
     def match(self, detected_ns: NDArray[np.int64]) -> StepMatch:
         """Match detected steps to the true ones inside the scored spans."""
@@ -277,20 +277,20 @@ class TrueSteps:
         """The tolerance [s], so that seconds which are rounded compare as nanoseconds do."""
         return self.tolerance_s + HALF_NS_S
 
-    def _counted(self, found: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _counted(self, detected: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which detections are scored.
 
         Those inside the spans, and of those outside the ones that answer a true step inside which
         no other detection answers.
         """
         truth, tolerance_s = self.truth_s, self._within_s
-        counted = inside(found, self.spans)
+        counted = inside(detected, self.spans)
         if counted.all():
             return counted
-        matched = len(match(truth, found[counted], tolerance_s))
-        for index in np.flatnonzero(~counted & _near(truth, found, tolerance_s)):
+        matched = len(match(truth, detected[counted], tolerance_s))
+        for index in np.flatnonzero(~counted & _near(truth, detected, tolerance_s)):
             counted[index] = True
-            if len(match(truth, found[counted], tolerance_s)) == matched:
+            if len(match(truth, detected[counted], tolerance_s)) == matched:
                 counted[index] = False
             else:
                 matched += 1
@@ -334,12 +334,12 @@ def match_steps(
 
 
 def _near(
-    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
+    truth: NDArray[np.float64], detected: NDArray[np.float64], tolerance_s: float
 ) -> NDArray[np.bool_]:
     """Return which detections have a true step within the tolerance."""
     if not len(truth):
-        return np.zeros(len(found), np.bool_)
-    return np.abs(truth[nearest(truth, found)] - found) <= tolerance_s
+        return np.zeros(len(detected), np.bool_)
+    return np.abs(truth[nearest(truth, detected)] - detected) <= tolerance_s
 
 
 def nearest(sorted_times: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -390,8 +390,8 @@ def step_reach_s(
     at_s = steps_s if at_s is None else at_s
     if len(steps_s) < 2:
         return np.full(len(at_s), REACH_S)
-    known = np.pad(np.diff(steps_s), GAPS, constant_values=np.nan)
-    around = np.lib.stride_tricks.sliding_window_view(known, 2 * GAPS)
+    intervals_s = np.pad(np.diff(steps_s), GAPS, constant_values=np.nan)
+    around = np.lib.stride_tricks.sliding_window_view(intervals_s, 2 * GAPS)
     step_s = np.nanmedian(around, axis=1)[nearest(steps_s, at_s)]
     return np.minimum(REACH_STEPS * step_s, REACH_S)
 
@@ -474,13 +474,13 @@ def _assigned(
     """Return index pairs (missed, alone), cluster by cluster of those that reach each other."""
     first = np.searchsorted(alone_s, missed_s - reach_s, side="left")
     after = np.searchsorted(alone_s, missed_s + reach_s, side="right")
-    found: list[tuple[int, int]] = []
+    pairs: list[tuple[int, int]] = []
     for here in _overlapping(first, after):
         there = np.arange(first[here].min(), after[here].max())
         apart = np.abs(missed_s[here, None] - alone_s[there])
         apart[apart > reach_s[here, None]] = np.inf
-        found += [(int(here[i]), int(there[j])) for i, j in assign(apart, REACH_S)]
-    return found
+        pairs += [(int(here[i]), int(there[j])) for i, j in assign(apart, REACH_S)]
+    return pairs
 
 
 def _overlapping(first: NDArray[np.intp], after: NDArray[np.intp]) -> list[NDArray[np.intp]]:
@@ -531,9 +531,9 @@ def _most_within(late_s: NDArray[np.float64], tolerance_s: float) -> float:
     if not len(late_s):
         return 0.0
     last = np.searchsorted(late_s, late_s + 2 * tolerance_s, side="right") - 1
-    held = last - np.arange(len(late_s))
+    counts = last - np.arange(len(late_s))
     middle = (late_s + late_s[last]) / 2
-    most = np.flatnonzero(held == held.max())
+    most = np.flatnonzero(counts == counts.max())
     return float(middle[most[np.argmin(np.abs(middle[most]))]])
 
 

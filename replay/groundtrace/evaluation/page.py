@@ -32,7 +32,7 @@ def _harmless(value: Any) -> Any:
 def _environment(folder: Path) -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    found = Environment(
+    environment = Environment(
         loader=FileSystemLoader([folder, SHARED]),
         autoescape=True,
         undefined=StrictUndefined,
@@ -40,9 +40,9 @@ def _environment(folder: Path) -> Environment:
         lstrip_blocks=True,
         finalize=_harmless,
     )
-    found.filters |= {"shown": shown, "fixed": lambda value, digits: f"{value:.{digits}f}"}
-    found.globals |= {"colours": COLOURS}
-    return found
+    environment.filters |= {"shown": shown, "fixed": lambda value, digits: f"{value:.{digits}f}"}
+    environment.globals |= {"colours": COLOURS}
+    return environment
 
 
 def rendered(template: str, folder: Path = SHARED, **values: Any) -> str:

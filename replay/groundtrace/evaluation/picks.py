@@ -154,7 +154,8 @@ def pick_residuals(labels: Sequence[Label], picks: Sequence[Pick]) -> PickResidu
     for pick in sorted(picks, key=lambda pick: pick.time_ns):
         by_channel.setdefault(pick.channel, []).append(pick)
     times = {
-        name: np.array([pick.time_ns for pick in own], np.int64) for name, own in by_channel.items()
+        name: np.array([pick.time_ns for pick in channel_picks], np.int64)
+        for name, channel_picks in by_channel.items()
     }
     group = np.searchsorted(origins, [x.time_ns for x in truth], side="right") - 1
     none = np.empty(0, np.int64)
@@ -162,13 +163,13 @@ def pick_residuals(labels: Sequence[Label], picks: Sequence[Pick]) -> PickResidu
         _first_row(times.get(label.channel, none), origins, int(k))
         for label, k in zip(truth, group, strict=True)
     ]
-    found = [
+    answers = [
         None if row is None else by_channel[label.channel][row]
         for label, row in zip(truth, first, strict=True)
     ]
     errors = [
         float("nan") if pick is None else float(pick.time_ns - label.time_ns) / NS_PER_S
-        for label, pick in zip(truth, found, strict=True)
+        for label, pick in zip(truth, answers, strict=True)
     ]
     present, impact = np.unique(group, return_inverse=True)
     labelled = [x.label for x in impacts]
@@ -181,7 +182,7 @@ def pick_residuals(labels: Sequence[Label], picks: Sequence[Pick]) -> PickResidu
         for k in present
     ]
     return PickResiduals(
-        names, impact, [x.channel for x in truth], np.array(errors, np.float64), truth, found
+        names, impact, [x.channel for x in truth], np.array(errors, np.float64), truth, answers
     )
 
 
@@ -196,7 +197,7 @@ def _first_row(
 
 
 def _summary(name: str, errors_s: NDArray[np.float64]) -> PickErrors:
-    found = errors_s[~np.isnan(errors_s)] * 1e3
+    errors_ms = errors_s[~np.isnan(errors_s)] * 1e3
     states = [pick_state(error) for error in errors_s.tolist()]
     count = Counter(states)
     good = errors_s[[state != "missed" for state in states]] * 1e3
@@ -213,6 +214,6 @@ def _summary(name: str, errors_s: NDArray[np.float64]) -> PickErrors:
         median_abs_ms=float(np.median(np.abs(good))) if len(good) else None,
         median_ms=None if middle is None else float(middle),
         iqr_ms=None if low is None else float(high - low),
-        earliest_ms=float(found.min()) if len(found) else None,
-        latest_ms=float(found.max()) if len(found) else None,
+        earliest_ms=float(errors_ms.min()) if len(errors_ms) else None,
+        latest_ms=float(errors_ms.max()) if len(errors_ms) else None,
     )

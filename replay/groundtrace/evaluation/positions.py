@@ -119,9 +119,9 @@ def score_positions(
     matched = {
         s: matched_fixes(truth, [f for f in fixes if f.stage == s], tolerance_s) for s in stages
     }
-    kept, errors = matched[stages[-1]]
+    answering_fixes, errors = matched[stages[-1]]
     total = summary("", errors)
-    picks = np.array([fix.picks for fix in kept], np.int64)
+    picks = np.array([fix.picks for fix in answering_fixes], np.int64)
     return PositionScore(
         stage=stages[-1],
         truth=len(truth),
@@ -133,7 +133,7 @@ def score_positions(
         bias_x_m=total.bias_x_m,
         bias_y_m=total.bias_y_m,
         by_picks=[summary(str(k), errors[picks == k]) for k in np.unique(picks)],
-        by_stage=[summary(stage, found[1]) for stage, found in matched.items()],
+        by_stage=[summary(stage, stage_match[1]) for stage, stage_match in matched.items()],
     )
 
 
@@ -142,9 +142,9 @@ def matched_fixes(
 ) -> tuple[list[Fix], NDArray[np.float64]]:
     """Return the fixes that answer a true place, and their errors [m], shape (n, 2)."""
     ordered = sorted(fixes, key=lambda fix: fix.time_ns)
-    found = found_places(ordered)
-    pairs = match_places(truth, found, tolerance_s)
-    errors = found.xy[pairs[:, 1]] - truth.xy[pairs[:, 0]]
+    estimated = found_places(ordered)
+    pairs = match_places(truth, estimated, tolerance_s)
+    errors = estimated.xy[pairs[:, 1]] - truth.xy[pairs[:, 0]]
     return [ordered[j] for j in pairs[:, 1]], errors
 
 
@@ -224,8 +224,8 @@ class Places:
         before = np.maximum(np.where(knots[after] == since, after, after - 1), 0)
         near = np.minimum(np.abs(since - knots[before]), np.abs(since - knots[after]))
         between = (since >= knots[before]) & (since <= knots[after])
-        held = between & (knots[after] - knots[before] <= hold_s * NS_PER_S)
-        there = held | (near <= tolerance_s * NS_PER_S)
+        bridged = between & (knots[after] - knots[before] <= hold_s * NS_PER_S)
+        there = bridged | (near <= tolerance_s * NS_PER_S)
         places = np.column_stack([np.interp(since, knots, column) for column in self.xy.T])
         places[~there] = np.nan
         return places
@@ -253,10 +253,10 @@ def true_places(labels: Sequence[Label]) -> Places:
         )
         if rows:
             time_ns = np.array([row[0] for row in rows], np.int64)
-            kept = ~ignored(labels, time_ns)
+            scored = ~ignored(labels, time_ns)
             xy = np.array([row[1:3] for row in rows], np.float64)
             target = np.array([row[3] for row in rows], np.str_)
-            return Places(time_ns[kept], xy[kept], target[kept])
+            return Places(time_ns[scored], xy[scored], target[scored])
     return Places(np.empty(0, np.int64), np.empty((0, 2)), np.empty(0, np.str_))
 
 
@@ -273,10 +273,10 @@ def places_at(truth: Places, time_ns: NDArray[np.int64]) -> Places:
     times = np.unique(time_ns)
     rows: list[tuple[int, float, float, str]] = []
     for name in truth.names():
-        found = truth.of(name).at(times, HOLD_S, 0.0)
+        places = truth.of(name).at(times, HOLD_S, 0.0)
         rows += [
             (int(t), float(x), float(y), name)
-            for t, (x, y) in zip(times, found, strict=True)
+            for t, (x, y) in zip(times, places, strict=True)
             if not np.isnan(x)
         ]
     rows.sort()
@@ -294,7 +294,7 @@ def found_places(events: Sequence[Fix | TrackPoint]) -> Places:
     return Places(time_ns, xy, np.full(len(events), ""))
 
 
-def match_places(truth: Places, found: Places, tolerance_s: float) -> NDArray[np.intp]:
+def match_places(truth: Places, estimated: Places, tolerance_s: float) -> NDArray[np.intp]:
     """Match estimated to true places one to one, by time first.
 
     Pairs lie within the tolerance, or within half the usual distance between the true times of
@@ -304,15 +304,15 @@ def match_places(truth: Places, found: Places, tolerance_s: float) -> NDArray[np
 
     Returns
     -------
-    Index pairs (truth, found), shape (n, 2).
+    Index pairs (truth, estimated), shape (n, 2).
     """
     apart = [np.diff(np.unique(truth.of(name).time_ns)) for name in truth.names()]
     gate_ns = tolerance_s * NS_PER_S
     if any(len(each) for each in apart):
         gate_ns = min(gate_ns, float(np.median(np.concatenate(apart))) / 2)
     pairs = [
-        _match_group(truth, found, rows, columns, gate_ns)
-        for rows, columns in _groups(truth.time_ns, found.time_ns, gate_ns)
+        _match_group(truth, estimated, rows, columns, gate_ns)
+        for rows, columns in _groups(truth.time_ns, estimated.time_ns, gate_ns)
     ]
     return np.concatenate([np.empty((0, 2), np.intp), *pairs])
 
@@ -333,13 +333,13 @@ def _groups(
 
 def _match_group(
     truth: Places,
-    found: Places,
+    estimated: Places,
     rows: NDArray[np.intp],
     columns: NDArray[np.intp],
     gate_ns: float,
 ) -> NDArray[np.intp]:
-    late = np.abs(truth.time_ns[rows][:, None] - found.time_ns[columns][None, :])
-    apart = distances(truth.xy[rows], found.xy[columns]) / METRES_PER_TOLERANCE
+    late = np.abs(truth.time_ns[rows][:, None] - estimated.time_ns[columns][None, :])
+    apart = distances(truth.xy[rows], estimated.xy[columns]) / METRES_PER_TOLERANCE
     cost = np.where(late <= gate_ns, np.hypot(late / max(gate_ns, 1.0), apart), np.inf)
     pairs = assign(cost, np.inf)
     return np.column_stack([rows[pairs[:, 0]], columns[pairs[:, 1]]])
@@ -395,13 +395,13 @@ def score_waypoints(labels: Sequence[Label], points: Sequence[TrackPoint]) -> Wa
     at = np.array([x.time_ns - origin for x in truth], np.float64)
     places = np.array([(p.x_m, p.y_m) for p in ordered])
     true = np.array([(x.x_m, x.y_m) for x in truth], np.float64)
-    found = np.column_stack([np.interp(at, since, column) for column in places.T])
-    off = np.hypot(*(found - true).T)
+    estimated = np.column_stack([np.interp(at, since, column) for column in places.T])
+    off = np.hypot(*(estimated - true).T)
     way_m = _length(true)
     if way_m == 0:
         return None
     between = places[(since > at[0]) & (since < at[-1])]
-    walked_m = _length(np.concatenate([found[:1], between, found[-1:]]))
+    walked_m = _length(np.concatenate([estimated[:1], between, estimated[-1:]]))
     return WaypointScore(
         n=len(truth),
         median_m=float(np.median(off[1:])),
@@ -468,13 +468,13 @@ def score_closure(truth: Places, points: Sequence[TrackPoint]) -> ClosureScore |
     # counted from one time, nanoseconds are exact in floating point
     at = (truth.time_ns - time_ns[0]).astype(np.float64)
     since = (time_ns - time_ns[0]).astype(np.float64)
-    found = np.column_stack([np.interp(at, since, column) for column in places.T])
+    estimated = np.column_stack([np.interp(at, since, column) for column in places.T])
     between = places[(since > at[0]) & (since < at[-1])]
-    walked = float(_lengths(np.concatenate([found[:1], between, found[-1:]])).sum())
+    walked = float(_lengths(np.concatenate([estimated[:1], between, estimated[-1:]])).sum())
     if walked == 0:
         return None
-    apart, true_apart = (float(np.linalg.norm(xy[-1] - xy[0])) for xy in (found, truth.xy))
-    off = aligned_distances(found, truth.xy) if len(truth) >= LEAST_PLACES else None
+    apart, true_apart = (float(np.linalg.norm(xy[-1] - xy[0])) for xy in (estimated, truth.xy))
+    off = aligned_distances(estimated, truth.xy) if len(truth) >= LEAST_PLACES else None
     return ClosureScore(
         walked_m=walked,
         apart_m=apart,
@@ -486,10 +486,10 @@ def score_closure(truth: Places, points: Sequence[TrackPoint]) -> ClosureScore |
 
 
 def aligned_distances(
-    found: NDArray[np.float64], truth: NDArray[np.float64]
+    estimated: NDArray[np.float64], truth: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the distances after the best rotation and shift of ``found``, both (n, 2) [m]."""
-    return _norms(turn_onto(found, truth)(found) - truth)
+    """Return the distances after the best rotation and shift of ``estimated``, both (n, 2) [m]."""
+    return _norms(turn_onto(estimated, truth)(estimated) - truth)
 
 
 def _lengths(places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -120,32 +120,32 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
     events = tuple(events)
     if stages:
         events = _only(events, stages)
-    found: dict[str, list[Any]] = {kind.name: [] for kind in EVENTS.values() if kind.truth}
+    answers: dict[str, list[Any]] = {kind.name: [] for kind in EVENTS.values() if kind.truth}
     for event in events:
         kind = EVENTS.get(type(event))
         if kind is not None and kind.truth:
-            found[kind.name].append(event)
+            answers[kind.name].append(event)
     specs = [event for event in events if isinstance(event, StageSpec)]
-    found = {name: _in_stage_order(those, specs) for name, those in found.items()}
+    answers = {name: _in_stage_order(those, specs) for name, those in answers.items()}
     emitted = {spec.emits for spec in specs}
     last = {spec.emits: spec.stage for spec in specs}
     picking = {spec.topic: spec.stage for spec in specs if spec.emits == "pick"}
     stepping, tracking = last.get("step", ""), last.get("track", "")
-    points = found["track"]
+    points = answers["track"]
     tracks = [point for point in points if point.stage == tracking]
     smoothed = [point for point in points if point.stage == tracking + SMOOTHED]
     return ResultEvents(
-        steps=[step for step in found["step"] if step.stage == (stepping or step.stage)],
-        picks=[pick for pick in found["pick"] if picking.get(pick.topic) == pick.stage],
-        fixes=found["fix"],
+        steps=[step for step in answers["step"] if step.stage == (stepping or step.stage)],
+        picks=[pick for pick in answers["pick"] if picking.get(pick.topic) == pick.stage],
+        fixes=answers["fix"],
         points=smoothed or tracks or last_word(points),
-        headings=last_word(found["heading"]),
-        disturbances=last_word(found["disturbance"]),
-        passes=last_word(found["pass"]),
+        headings=last_word(answers["heading"]),
+        disturbances=last_word(answers["disturbance"]),
+        passes=last_word(answers["pass"]),
         filtered=tracks or last_word(points),
-        finds_steps=bool(found["step"]) or not emitted or bool(emitted & {"step", "impact"}),
+        finds_steps=bool(answers["step"]) or not emitted or bool(emitted & {"step", "impact"}),
         disturbances_by=last.get("heading", ""),
-        by_kind={cls: last_word(found[k.name]) for cls, k in EVENTS.items() if k.truth},
+        by_kind={cls: last_word(answers[k.name]) for cls, k in EVENTS.items() if k.truth},
     )
 
 
@@ -158,8 +158,8 @@ def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ..
             given.setdefault(getattr(event, "stage", ""), set()).add(scored[type(event)])
     unknown = sorted(set(stages) - set(given))
     if unknown:
-        known = ", ".join(given) or "none"
-        raise RecordingError(f"--stage: expected one of {known}, found {unknown[0]}")
+        names = ", ".join(given) or "none"
+        raise RecordingError(f"--stage: expected one of {names}, found {unknown[0]}")
     chosen: set[str] = set().union(*(given[stage] for stage in stages))
     silent = chosen & {"step", "pick", "track"}
     silent |= {"impact"} if "step" in silent else set()
@@ -173,23 +173,23 @@ def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ..
     )
 
 
-def _in_stage_order(found: Iterable[E], specs: Iterable[StageSpec]) -> list[E]:
+def _in_stage_order(events: Iterable[E], specs: Iterable[StageSpec]) -> list[E]:
     """Return events by the place of their stage in the pipeline, each stage's as they came.
 
     Parameters
     ----------
-    found
+    events
         Some of the events.
     specs
         What stages state, in the order of the pipeline. A stage that states nothing is before all
         others.
     """
-    rank = {stage: place for place, stage in enumerate(dict.fromkeys(s.stage for s in specs))}
+    rank = {stage: index for index, stage in enumerate(dict.fromkeys(s.stage for s in specs))}
 
-    def place(event: E) -> int:
+    def rank_of(event: E) -> int:
         return rank.get(str(getattr(event, "stage", "")).removesuffix(SMOOTHED), -1)
 
-    return sorted(found, key=place)
+    return sorted(events, key=rank_of)
 
 
 def last_word(events: Sequence[E]) -> list[E]:
@@ -222,11 +222,11 @@ def score_events(
     stages
         As of :func:`answers_of`.
     """
-    said = answers_of(events, stages)
+    answers = answers_of(events, stages)
     truth = Truth(labels, start_ns, end_ns, tolerance_s)
     parts: dict[str, Any] = {}
     for scorer in SCORERS.values():
-        parts |= scorer(said, truth)
+        parts |= scorer(answers, truth)
     others = {name: parts.pop(name) for name in tuple(parts) if name not in _NAMED}
     return Score(**parts, others=others or None)
 
@@ -251,27 +251,27 @@ class Truth:
     tolerance_s: float
 
 
-def _score_steps(said: ResultEvents, truth: Truth) -> dict[str, Any]:
-    if not said.finds_steps:
+def _score_steps(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
+    if not answers.finds_steps:
         return {"steps": None}
     span = truth.start_ns, truth.end_ns
-    return {"steps": _steps(truth.labels, said.steps, *span, truth.tolerance_s)}
+    return {"steps": _steps(truth.labels, answers.steps, *span, truth.tolerance_s)}
 
 
-def _score_places(said: ResultEvents, truth: Truth) -> dict[str, Any]:
+def _score_places(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
     labels, tolerance_s = truth.labels, truth.tolerance_s
     return {
-        "positions": score_positions(labels, said.fixes, tolerance_s),
-        "track": score_tracks(labels, said.points, tolerance_s),
+        "positions": score_positions(labels, answers.fixes, tolerance_s),
+        "track": score_tracks(labels, answers.points, tolerance_s),
         "consistency": score_consistency(
-            labels, last_word(said.fixes), said.points, tolerance_s, said.filtered
+            labels, last_word(answers.fixes), answers.points, tolerance_s, answers.filtered
         ),
     }
 
 
-def _score_disturbances(said: ResultEvents, truth: Truth) -> dict[str, Any]:
-    span, by = (truth.start_ns, truth.end_ns), said.disturbances_by
-    score = score_disturbances(truth.labels, said.disturbances, *span, told_by=by)
+def _score_disturbances(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
+    span, by = (truth.start_ns, truth.end_ns), answers.disturbances_by
+    score = score_disturbances(truth.labels, answers.disturbances, *span, told_by=by)
     return {"disturbance": score}
 
 
@@ -280,12 +280,12 @@ def _score_disturbances(said: ResultEvents, truth: Truth) -> dict[str, Any]:
 SCORERS: Mapping[str, Callable[[ResultEvents, Truth], dict[str, Any]]] = {
     "step": _score_steps,
     "waypoint": _score_places,
-    "pick": lambda said, truth: {"picks": score_picks(truth.labels, said.picks)},
-    "heading": lambda said, truth: {
-        "heading": score_headings(truth.labels, said.headings, truth.tolerance_s)
+    "pick": lambda answers, truth: {"picks": score_picks(truth.labels, answers.picks)},
+    "heading": lambda answers, truth: {
+        "heading": score_headings(truth.labels, answers.headings, truth.tolerance_s)
     },
     "disturbed": _score_disturbances,
-    "pass": lambda said, truth: {"passes": score_passes(truth.labels, said.passes)},
+    "pass": lambda answers, truth: {"passes": score_passes(truth.labels, answers.passes)},
 }
 
 

@@ -67,8 +67,8 @@ def score_page(
     origin = result.provenance
     remarks = labels.remarks if isinstance(labels, ScoredTruth) else ()
     truth = labels.labels if isinstance(labels, ScoredTruth) else labels
-    said = answers_of(result.events, stages)
-    it = Scored(truth, said, result.geometry, origin.start_ns, origin.end_ns, tolerance_s)
+    answers = answers_of(result.events, stages)
+    it = Scored(truth, answers, result.geometry, origin.start_ns, origin.end_ns, tolerance_s)
     seconds = (origin.end_ns - origin.start_ns) / NS_PER_S
     return rendered(
         "score.html.jinja",

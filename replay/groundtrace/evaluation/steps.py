@@ -127,27 +127,27 @@ def score_steps(
         return None
     matching = match_steps(labels, detected_ns, start_ns, end_ns, tolerance_s)
     spans, pairs = matching.spans, matching.pairs
-    truth, kept = ((t - start_ns) / NS_PER_S for t in (matching.truth_ns, matching.found_ns))
-    found = np.sort((detected_ns - start_ns) / NS_PER_S)
-    late = kept[pairs[:, 1]] - truth[pairs[:, 0]]
+    truth, scored = ((t - start_ns) / NS_PER_S for t in (matching.truth_ns, matching.found_ns))
+    detected = np.sort((detected_ns - start_ns) / NS_PER_S)
+    late = scored[pairs[:, 1]] - truth[pairs[:, 0]]
     matched = len(pairs)
-    error, signed, count_truth = _count_error(truth, found, kept, spans, counts, start_ns)
+    error, signed, count_truth = _count_error(truth, detected, scored, spans, counts, start_ns)
     return StepScore(
         truth=len(truth),
-        detected=len(kept),
+        detected=len(scored),
         matched=matched,
-        precision=matched / len(kept) if len(kept) else 0.0,
+        precision=matched / len(scored) if len(scored) else 0.0,
         recall=matched / len(truth) if len(truth) else 0.0,
-        f1=f1_score(len(truth), len(kept), matched),
-        chance_f1=random_f1(truth, spans, len(kept), tolerance_s),
-        chance_f1_metronome=metronome_f1(truth, spans, len(kept), tolerance_s),
-        f1_debiased=_debiased_f1(truth, kept, tolerance_s),
+        f1=f1_score(len(truth), len(scored), matched),
+        chance_f1=random_f1(truth, spans, len(scored), tolerance_s),
+        chance_f1_metronome=metronome_f1(truth, spans, len(scored), tolerance_s),
+        f1_debiased=_debiased_f1(truth, scored, tolerance_s),
         count_truth=count_truth,
         count_error=error,
         count_error_signed=signed,
         latency_ms=spread_ms(late),
         tolerance_s=tolerance_s,
-        curve=[(t, f1_of(truth, kept, t)) for t in CURVE_S],
+        curve=[(t, f1_of(truth, scored, t)) for t in CURVE_S],
     )
 
 
@@ -160,27 +160,27 @@ def spread_ms(values_s: NDArray[np.float64]) -> MedianIqr | None:
 
 
 def _debiased_f1(
-    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
+    truth: NDArray[np.float64], detected: NDArray[np.float64], tolerance_s: float
 ) -> float:
-    return f1_of(truth, found - usual_latency_s(truth, found), tolerance_s)
+    return f1_of(truth, detected - usual_latency_s(truth, detected), tolerance_s)
 
 
-def usual_latency_s(truth: NDArray[np.float64], found: NDArray[np.float64]) -> float:
+def usual_latency_s(truth: NDArray[np.float64], detected: NDArray[np.float64]) -> float:
     """Return the median of what the nearest detection comes after each true step [s].
 
     Both are sorted; detections further than 0.5 s away do not count; 0 where none is left.
     """
-    if not len(truth) or not len(found):
+    if not len(truth) or not len(detected):
         return 0.0
-    late = found[nearest(found, truth)] - truth
+    late = detected[nearest(detected, truth)] - truth
     late = late[np.abs(late) <= LATENCY_REACH_S]
     return float(np.median(late)) if len(late) else 0.0
 
 
 def _count_error(
     truth: NDArray[np.float64],
-    found: NDArray[np.float64],
-    kept: NDArray[np.float64],
+    detected: NDArray[np.float64],
+    scored: NDArray[np.float64],
     spans: NDArray[np.float64],
     counts: Sequence[Label],
     start_ns: int,
@@ -190,11 +190,11 @@ def _count_error(
         errors = []
         for label in counts:
             a, b = seconds(label.time_ns, start_ns), seconds(label.end_ns or 0, start_ns)
-            errors.append(int(((found >= a) & (found < b)).sum()) - round(label.value or 0))
+            errors.append(int(((detected >= a) & (detected < b)).sum()) - round(label.value or 0))
         total = sum(round(label.value or 0) for label in counts)
         return sum(map(abs, errors)), sum(errors), total
     errors = [
-        int(((kept >= a) & (kept <= b)).sum() - ((truth >= a) & (truth <= b)).sum())
+        int(((scored >= a) & (scored <= b)).sum() - ((truth >= a) & (truth <= b)).sum())
         for a, b in spans
     ]
     return sum(map(abs, errors)), sum(errors), len(truth)
@@ -244,15 +244,17 @@ def confusion(pairs: Sequence[tuple[str, str]], words: Sequence[str] = ()) -> Co
     -------
     The matrix, or None where there is nothing to compare.
     """
-    said = [(a, b) for a, b in pairs if a and b]
-    if not said:
+    complete_pairs = [(a, b) for a, b in pairs if a and b]
+    if not complete_pairs:
         return None
-    names = list(words) or sorted({word for pair in said for word in pair})
+    names = list(words) or sorted({word for pair in complete_pairs for word in pair})
     counts = np.zeros((len(names), len(names)), np.int64)
-    for a, b in said:
+    for a, b in complete_pairs:
         counts[names.index(a), names.index(b)] += 1
     agreed = int(np.trace(counts))
-    return Confusion(names, counts.tolist(), len(said), agreed, agreed / len(said))
+    return Confusion(
+        names, counts.tolist(), len(complete_pairs), agreed, agreed / len(complete_pairs)
+    )
 
 
 def truth_words(label: str, *, typed: bool = False) -> tuple[str, str]:
@@ -292,13 +294,17 @@ def compare_words(
     step is its type where it has one.
     """
     true = sorted((x for x in labels if x.kind == "step"), key=lambda x: x.time_ns)
-    found = sorted(steps, key=lambda x: x.time_ns)
+    detected = sorted(steps, key=lambda x: x.time_ns)
     rows = np.searchsorted([x.time_ns for x in true], matching.truth_ns[matching.pairs[:, 0]])
-    columns = np.searchsorted([x.time_ns for x in found], matching.found_ns[matching.pairs[:, 1]])
+    columns = np.searchsorted(
+        [x.time_ns for x in detected], matching.found_ns[matching.pairs[:, 1]]
+    )
     typed = any(ALONG & set(truth_words(x.label)[1].split()) for x in true)
     feet, kinds = [], []
     for i, j in zip(rows, columns, strict=True):
         foot, kind = truth_words(true[i].label, typed=typed)
-        feet.append((foot, found[j].foot if found[j].foot in FEET else ""))
-        kinds.append((kind, found[j].type or ("" if found[j].kind in PLAIN else found[j].kind)))
+        feet.append((foot, detected[j].foot if detected[j].foot in FEET else ""))
+        kinds.append(
+            (kind, detected[j].type or ("" if detected[j].kind in PLAIN else detected[j].kind))
+        )
     return confusion(feet, FEET), confusion(kinds)

@@ -150,24 +150,27 @@ def score_tracks(
     truth = true_places(labels)
     if not len(truth) or not points:
         return None
-    found = moments(truth, points, tolerance_s)
-    targets, tracks = sum(m.targets for m in found), sum(m.tracks for m in found)
-    covered, associated = sum(m.covered for m in found), sum(m.associated for m in found)
-    pairs = sum(m.pairs for m in found)
-    square = sum(m.localisation_m2 for m in found)
+    scored_moments = moments(truth, points, tolerance_s)
+    targets, tracks = sum(m.targets for m in scored_moments), sum(m.tracks for m in scored_moments)
+    covered, associated = (
+        sum(m.covered for m in scored_moments),
+        sum(m.associated for m in scored_moments),
+    )
+    pairs = sum(m.pairs for m in scored_moments)
+    square = sum(m.localisation_m2 for m in scored_moments)
     return TrackScore(
         stage=points[-1].stage,
-        times=len(found),
+        times=len(scored_moments),
         tracks=len({point.track for point in points}),
-        ospa_m=float(np.mean([m.ospa_m for m in found])),
-        gospa_m=float(np.mean([m.gospa_m for m in found])),
+        ospa_m=float(np.mean([m.ospa_m for m in scored_moments])),
+        gospa_m=float(np.mean([m.gospa_m for m in scored_moments])),
         localisation_rmse_m=(square / pairs) ** 0.5 if pairs else None,
         missed=targets - pairs,
         false=tracks - pairs,
         completeness=covered / targets,
         ambiguity=associated / covered if covered else 1.0,
         spuriousness=(tracks - associated) / tracks if tracks else 0.0,
-        accuracy_m=sum(m.apart_m for m in found) / associated if associated else None,
+        accuracy_m=sum(m.apart_m for m in scored_moments) / associated if associated else None,
         cutoff_m=CUTOFF_M,
         order=ORDER,
         identity=_identity(truth, points, tolerance_s),
@@ -220,14 +223,14 @@ def presence(
     """
     ordered = sorted(points, key=lambda point: point.time_ns)
     named = [truth.of(name) for name in truth.names() if name]
-    found = [
+    tracked = [
         found_places([p for p in ordered if p.track == number]) for number in numbers_of(points)
     ]
     targets, tracks = (
         np.array([one.at(time_ns, HOLD_S, tolerance_s) for one in each]).reshape(
             -1, len(time_ns), 2
         )
-        for each in (named, found)
+        for each in (named, tracked)
     )
     return targets.swapaxes(0, 1), tracks.swapaxes(0, 1)
 
@@ -341,13 +344,13 @@ def score_identity(
     workshops (2016), section 3.
     """
     apart = np.hypot(*np.moveaxis(targets[:, :, None] - tracks[:, None], -1, 0))
-    own = _owners(apart, cutoff_m)
-    found = []
+    owners = _owners(apart, cutoff_m)
+    scores = []
     for i, name in enumerate(names):
         matched, distance = (x[:, i] for x in _matched(apart, cutoff_m))
         followed = matched[matched >= 0]
-        column = own.get(i)
-        found.append(
+        column = owners.get(i)
+        scores.append(
             TargetScore(
                 target=name,
                 times=int((~np.isnan(targets[:, i, 0])).sum()),
@@ -359,8 +362,8 @@ def score_identity(
             )
         )
     there = int((~np.isnan(targets[..., 0])).sum() + (~np.isnan(tracks[..., 0])).sum())
-    together = 2 * sum(each.own for each in found) / there if there else 0.0
-    return IdentityScore(sum(each.switches for each in found), together, tuple(found))
+    together = 2 * sum(each.own for each in scores) / there if there else 0.0
+    return IdentityScore(sum(each.switches for each in scores), together, tuple(scores))
 
 
 def _owners(apart: NDArray[np.float64], cutoff_m: float) -> dict[int, int]:
@@ -379,14 +382,14 @@ def _matched(
     matched, distance = np.full((n, m), -1, np.intp), np.full((n, m), np.nan)
     last: dict[int, int] = {}
     for k, cost in enumerate(apart):
-        kept = {i: j for i, j in last.items() if cost[i, j] <= cutoff_m}
+        continued = {i: j for i, j in last.items() if cost[i, j] <= cutoff_m}
         left = cost.copy()
-        left[list(kept)] = np.inf
-        left[:, list(kept.values())] = np.inf
+        left[list(continued)] = np.inf
+        left[:, list(continued.values())] = np.inf
         new = {int(i): int(j) for i, j in assign(left, cutoff_m)}
         # a target remembers its track while it has none, unless another has taken that track
-        last = {i: j for i, j in last.items() if j not in new.values()} | kept | new
-        for i, j in (kept | new).items():
+        last = {i: j for i, j in last.items() if j not in new.values()} | continued | new
+        for i, j in (continued | new).items():
             matched[k, i], distance[k, i] = j, cost[i, j]
     return matched, distance
 
@@ -546,10 +549,10 @@ def normalised_squares(
     """
     out = np.full(len(vectors), np.nan)
     finite = np.isfinite(covariances).all(axis=(1, 2)) & np.isfinite(vectors).all(axis=1)
-    known = np.flatnonzero(finite)
-    known = known[np.linalg.eigvalsh(covariances[known])[:, 0] > 0]
-    solved = np.linalg.solve(covariances[known], vectors[known][..., None])[..., 0]
-    out[known] = np.einsum("nd,nd->n", vectors[known], solved)
+    valid = np.flatnonzero(finite)
+    valid = valid[np.linalg.eigvalsh(covariances[valid])[:, 0] > 0]
+    solved = np.linalg.solve(covariances[valid], vectors[valid][..., None])[..., 0]
+    out[valid] = np.einsum("nd,nd->n", vectors[valid], solved)
     return out
 
 
@@ -560,14 +563,14 @@ def consistency(squares: NDArray[np.float64], dof: int) -> Consistency | None:
     def quantile(part: float, freedom: int) -> float:
         return 2 * float(gammaincinv(freedom / 2, part))
 
-    known = squares[~np.isnan(squares)]
-    n = len(known)
+    valid = squares[~np.isnan(squares)]
+    n = len(valid)
     if not n:
         return None
     tail = (1 - CONFIDENCE) / 2
     lower, upper = (quantile(q, n * dof) / n for q in (tail, 1 - tail))
-    mean = float(known.mean())
-    inside = float(np.mean(known <= quantile(CONFIDENCE, dof)))
+    mean = float(valid.mean())
+    inside = float(np.mean(valid <= quantile(CONFIDENCE, dof)))
     return Consistency(n, dof, mean, lower, upper, lower <= mean <= upper, inside)
 
 
@@ -612,8 +615,8 @@ def place_squares(
     if not len(truth) or not events:
         return np.empty(0)
     ordered = sorted(events, key=lambda event: event.time_ns)
-    found = found_places(ordered)
-    pairs = match_places(truth, found, tolerance_s)
+    estimated = found_places(ordered)
+    pairs = match_places(truth, estimated, tolerance_s)
     spread = np.array([ordered[j].covariance for j in pairs[:, 1]], np.float64).reshape(-1, 3)
     covariances = spread[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    return normalised_squares(found.xy[pairs[:, 1]] - truth.xy[pairs[:, 0]], covariances)
+    return normalised_squares(estimated.xy[pairs[:, 1]] - truth.xy[pairs[:, 0]], covariances)

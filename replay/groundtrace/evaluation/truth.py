@@ -48,16 +48,18 @@ class ScoredTruth:
 
 def scored_truth(labels: Sequence[Label], result: Results) -> ScoredTruth:
     """Return what of a truth a result is scored against."""
-    known = {(x.time_ns, x.x_m, x.y_m) for x in result.given}
-    kept = [x for x in labels if x.kind != "waypoint" or (x.time_ns, x.x_m, x.y_m) not in known]
+    given_points = {(x.time_ns, x.x_m, x.y_m) for x in result.given}
+    scored_labels = [
+        x for x in labels if x.kind != "waypoint" or (x.time_ns, x.x_m, x.y_m) not in given_points
+    ]
     specs = [event for event in result.events if isinstance(event, StageSpec)]
-    found = own_truth(kept, specs, result.provenance.placements)
-    given = len(labels) - len(kept)
+    truth = own_truth(scored_labels, specs, result.provenance.placements)
+    given = len(labels) - len(scored_labels)
     if not given:
-        return found
+        return truth
     waypoints = sum(x.kind == "waypoint" for x in labels)
-    said = f"{given} of {waypoints} waypoints were given to the pipeline: not scored"
-    return replace(found, given=given, remarks=(said, *found.remarks))
+    remark = f"{given} of {waypoints} waypoints were given to the pipeline: not scored"
+    return replace(truth, given=given, remarks=(remark, *truth.remarks))
 
 
 def own_truth(
@@ -77,11 +79,13 @@ def own_truth(
         Of the topics that state one.
     """
     foot, remark = _own_foot(labels, specs, placements)
-    kept = [x for x in labels if not foot or (x.kind != "count" and _may_be(x, foot))]
-    if impacts := _impacts_alone(kept, specs):
-        kept = [replace(x, kind="step") if x.kind == "impact" else x for x in kept]
+    scored_labels = [x for x in labels if not foot or (x.kind != "count" and _may_be(x, foot))]
+    if impacts := _impacts_alone(scored_labels, specs):
+        scored_labels = [
+            replace(x, kind="step") if x.kind == "impact" else x for x in scored_labels
+        ]
         remark = f"{impacts} impacts and no steps: the impacts are what steps are scored against"
-    return ScoredTruth(tuple(kept), 0, foot, (remark,) if remark else ())
+    return ScoredTruth(tuple(scored_labels), 0, foot, (remark,) if remark else ())
 
 
 def _impacts_alone(labels: Sequence[Label], specs: Sequence[StageSpec]) -> int:

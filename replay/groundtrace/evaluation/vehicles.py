@@ -108,10 +108,10 @@ def score_passes(labels: Sequence[Label], passes: Sequence[Pass]) -> PassScore |
     -------
     The score, or None where the truth has no passes, or the result none.
     """
-    truth, found = scored_passes(labels, passes)
+    truth, detected = scored_passes(labels, passes)
     if not truth or not passes:
         return None
-    pairs = match_passes(truth, found)
+    pairs = match_passes(truth, detected)
     errors = np.array([(b.time_ns - a.time_ns) / NS_PER_S for a, b in pairs])
     vehicles = [_vehicle(target, truth, pairs) for target in dict.fromkeys(x.target for x in truth)]
     off = [
@@ -122,7 +122,7 @@ def score_passes(labels: Sequence[Label], passes: Sequence[Pass]) -> PassScore |
     return PassScore(
         stage=passes[-1].stage,
         truth=len(truth),
-        found=len(found),
+        found=len(detected),
         matched=len(pairs),
         tolerance_s=PASS_TOLERANCE_S,
         median_abs_s=float(np.median(np.abs(errors))) if len(errors) else None,
@@ -138,47 +138,49 @@ def scored_passes(
     labels: Sequence[Label], passes: Sequence[Pass]
 ) -> tuple[list[Label], list[Pass]]:
     """Return true passes in the order of time, and found ones, outside of what is ignored."""
-    kept = [x for x, no in zip(labels, _ignored(labels, labels), strict=True) if not no]
-    truth = sorted((x for x in kept if x.kind == "pass"), key=lambda x: x.time_ns)
-    found = [p for p, no in zip(passes, _ignored(labels, passes), strict=True) if not no]
-    return truth, found
+    scored = [x for x, no in zip(labels, _ignored(labels, labels), strict=True) if not no]
+    truth = sorted((x for x in scored if x.kind == "pass"), key=lambda x: x.time_ns)
+    detected = [p for p, no in zip(passes, _ignored(labels, passes), strict=True) if not no]
+    return truth, detected
 
 
-def match_passes(truth: Sequence[Label], found: Sequence[Pass]) -> list[tuple[Label, Pass]]:
+def match_passes(truth: Sequence[Label], detected: Sequence[Pass]) -> list[tuple[Label, Pass]]:
     """Return which found pass answers which true one, in the order of truth."""
     pairs: list[tuple[Label, Pass]] = []
     for station in dict.fromkeys(x.channel for x in truth):
         true = [x for x in truth if x.channel == station]
-        told = [p for p in found if p.station == station]
-        if not told:
+        station_passes = [p for p in detected if p.station == station]
+        if not station_passes:
             continue
-        late = np.abs(np.array([[(p.time_ns - x.time_ns) / NS_PER_S for p in told] for x in true]))
+        late = np.abs(
+            np.array([[(p.time_ns - x.time_ns) / NS_PER_S for p in station_passes] for x in true])
+        )
         wrong = np.array(
-            [[bool(p.direction) and p.direction != x.label for p in told] for x in true]
+            [[bool(p.direction) and p.direction != x.label for p in station_passes] for x in true]
         )
         cost = np.where(late <= PASS_TOLERANCE_S, late + 0.1 * wrong, np.inf)
-        pairs += [(true[i], told[j]) for i, j in assign(cost, np.inf).tolist()]
+        pairs += [(true[i], station_passes[j]) for i, j in assign(cost, np.inf).tolist()]
     return sorted(pairs, key=lambda pair: (pair[0].time_ns, pair[0].channel))
 
 
 def _ignored(labels: Sequence[Label], items: Sequence[Label] | Sequence[Pass]) -> list[bool]:
-    found: list[bool] = ignored(labels, np.array([x.time_ns for x in items], np.int64)).tolist()
-    return found
+    flags: list[bool] = ignored(labels, np.array([x.time_ns for x in items], np.int64)).tolist()
+    return flags
 
 
 def _vehicle(
     target: str, truth: Sequence[Label], pairs: Sequence[tuple[Label, Pass]]
 ) -> VehiclePass:
     mine = [x for x in truth if x.target == target]
-    told = [p for x, p in pairs if x.target == target]
-    numbers = Counter(p.vehicle for p in told if p.vehicle)
+    matched = [p for x, p in pairs if x.target == target]
+    numbers = Counter(p.vehicle for p in matched if p.vehicle)
     number, together = numbers.most_common(1)[0] if numbers else (0, 0)
-    its = [p for p in told if p.vehicle == number and number]
+    its = [p for p in matched if p.vehicle == number and number]
     speed = float(np.mean([x.value for x in mine if x.value is not None] or [np.nan]))
     return VehiclePass(
         target=target,
         truth=len(mine),
-        found=len(told),
+        found=len(matched),
         vehicle=number,
         together=together,
         direction_right=its[0].direction == mine[0].label if its else None,
@@ -252,14 +254,14 @@ def score_ways(labels: Sequence[Label], points: Sequence[TrackPoint]) -> Vehicle
 def _errors(point: TrackPoint, ways: Sequence[Places]) -> tuple[float, float, float] | None:
     """Return errors across, along and of speed against the nearest vehicle; None without any."""
     about = np.array([0, -NS_PER_S // 4, NS_PER_S // 4], np.int64) + point.time_ns
-    place = np.array([point.x_m, point.y_m])
+    position = np.array([point.x_m, point.y_m])
     best: tuple[float, float, float] | None = None
     nearest = np.inf
     for way in ways:
         here, before, after = way.at(about, HOLD_S, 0.0)
         motion = after - before
         length = float(np.hypot(*motion))
-        off = place - here
+        off = position - here
         if not np.isfinite(length) or length == 0 or np.hypot(*off) >= nearest:
             continue
         nearest = float(np.hypot(*off))

@@ -91,21 +91,21 @@ class Layout:
 
     def without(self, index: int) -> Layout:
         """Return the layout that lacks a sensor."""
-        kept = [i for i in range(len(self.sensors)) if i != index]
+        retained = [i for i in range(len(self.sensors)) if i != index]
         return replace(
             self,
-            sensors=tuple(self.sensors[i] for i in kept),
-            streams=tuple(self.streams[i] for i in kept),
-            positions=self.positions[kept],
+            sensors=tuple(self.sensors[i] for i in retained),
+            streams=tuple(self.streams[i] for i in retained),
+            positions=self.positions[retained],
         )
 
-    def plus(self, place: Array) -> Layout:
+    def plus(self, position: Array) -> Layout:
         """Return the layout with one sensor more, at a place of shape (2,)."""
         return replace(
             self,
             sensors=(*self.sensors, "new"),
             streams=(*self.streams, max(self.streams) + 1),
-            positions=np.vstack([self.positions, place]),
+            positions=np.vstack([self.positions, position]),
         )
 
 
@@ -133,13 +133,13 @@ def layout_of(
     """
     every = np.array([(s.x, s.y) for s in geometry.sensors], np.float64).reshape(-1, 2)
     _check(geometry, every, name)
-    kept, remarks = _apart(every, [s.name for s in geometry.sensors])
-    if len(kept) < LEAST_PICKS:
+    retained, remarks = _apart(every, [s.name for s in geometry.sensors])
+    if len(retained) < LEAST_PICKS:
         raise PipelineError(
             f"{name}: sensor: expected at least {LEAST_PICKS} at different places, "
-            f"found {len(kept)}"
+            f"found {len(retained)}"
         )
-    positions = every[kept]
+    positions = every[retained]
     room = _room(positions, geometry.outline, name)
     if not geometry.outline:
         remarks.append(
@@ -147,10 +147,10 @@ def layout_of(
         )
     if not (theta_s or geometry.medium.theta_s):
         remarks.append(f"no theta_s in the medium: {THETA_S:g} s assumed")
-    found = Layout(
+    layout = Layout(
         name,
-        tuple(geometry.sensors[i].name for i in kept),
-        tuple(range(len(kept))),
+        tuple(geometry.sensors[i].name for i in retained),
+        tuple(range(len(retained))),
         positions,
         shapely.get_coordinates(room.exterior)[:-1],
         theta_s or geometry.medium.theta_s or THETA_S,
@@ -159,8 +159,8 @@ def layout_of(
     )
     outside = ~shapely.intersects_xy(room, *positions.T)
     if outside.any():
-        remarks.append("outside the outline: " + ", ".join(np.array(found.sensors)[outside]))
-    return found, (*remarks, *_collinear(positions, room))
+        remarks.append("outside the outline: " + ", ".join(np.array(layout.sensors)[outside]))
+    return layout, (*remarks, *_collinear(positions, room))
 
 
 def _check(geometry: Geometry, places: Array, name: str) -> None:
@@ -181,15 +181,15 @@ def _check(geometry: Geometry, places: Array, name: str) -> None:
 def _apart(places: Array, names: list[str]) -> tuple[list[int], list[str]]:
     """Return which sensors stand at places of their own, and who shares one."""
     extent = float(np.ptp(places, axis=0).max(initial=0.0)) if len(places) else 0.0
-    kept: list[int] = []
+    retained: list[int] = []
     remarks = []
-    for i, place in enumerate(places):
-        near = [j for j in kept if np.hypot(*(places[j] - place)) <= TOLERANCE * extent]
+    for i, position in enumerate(places):
+        near = [j for j in retained if np.hypot(*(places[j] - position)) <= TOLERANCE * extent]
         if near:
             remarks.append(f"{names[near[0]]} and {names[i]} stand at one place and count once")
         else:
-            kept.append(i)
-    return kept, remarks
+            retained.append(i)
+    return retained, remarks
 
 
 def _room(positions: Array, outline: tuple[tuple[float, float], ...], name: str) -> shapely.Polygon:
@@ -409,11 +409,11 @@ def analyze_room(
     before = how.trial.means_m(layout)
     spared = contributions(layout, how.trial, before, lambda: done(SPARED_STEPS))
     least = sorted(range(len(spared)), key=lambda i: spared[i][how.localizer])[:1]
-    found = [
+    changes = [
         best_change(layout, moved, how.localizer, how.screen, how.trial, before, lambda: done(1))
         for moved in (None, *least)
     ]
-    advice = tuple(a for a in found if a is not None)
+    advice = tuple(a for a in changes if a is not None)
     show(1.0)
     return RoomAnalysis(
         layout, remarks, how, grid, tuple(errors), fine, signs, raster, regions, spared, advice
@@ -520,12 +520,12 @@ def contributions(
     """
     if len(layout.sensors) <= LEAST_PICKS:
         return ()
-    found = []
+    rises = []
     for index in range(len(layout.sensors)):
         after = trial.means_m(layout.without(index))
-        found.append({method: after[method] - before_m[method] for method in METHODS})
+        rises.append({method: after[method] - before_m[method] for method in METHODS})
         done()
-    return tuple(found)
+    return tuple(rises)
 
 
 def candidates(layout: Layout) -> Array:
@@ -575,8 +575,8 @@ def best_change(
     rest = layout if moved is None else layout.without(moved)
     screened = []
     places = candidates(layout)
-    for place in places:
-        screened.append(screen.mean_m(rest.plus(place), method))
+    for position in places:
+        screened.append(screen.mean_m(rest.plus(position), method))
         done()
     finalists = [rest.plus(places[i]) for i in np.argsort(screened, kind="stable")[:FINALISTS]]
     if not finalists:
@@ -678,8 +678,8 @@ def region_at(regions: Regions, places: Array) -> NDArray[np.intp]:
     apart = np.linalg.norm(places[:, None] - regions.sensors, axis=2)
     signs = np.sign(apart[:, regions.first] - apart[:, regions.second])
     agree = signs.astype(np.float32) @ regions.signs.T.astype(np.float32)
-    found: NDArray[np.intp] = agree.argmax(axis=1)
-    return found
+    indices: NDArray[np.intp] = agree.argmax(axis=1)
+    return indices
 
 
 def _inside(regions: Regions, raster: Grid) -> Array:
@@ -689,10 +689,10 @@ def _inside(regions: Regions, raster: Grid) -> Array:
     if len(lost):
         home = region_at(regions, places)
         for region in lost:
-            own = places[home == region]
-            if len(own):
-                far = np.linalg.norm(own - regions.centres[region], axis=1)
-                sources[region] = own[far.argmin()]
+            members = places[home == region]
+            if len(members):
+                far = np.linalg.norm(members - regions.centres[region], axis=1)
+                sources[region] = members[far.argmin()]
     return sources
 
 
@@ -707,17 +707,17 @@ def _near(regions: Regions) -> NDArray[np.bool_]:
 def _rivals(regions: Regions, near: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array, Array]:
     """Return each region's rival, in how many signs it differs, and how far it is."""
     signs = regions.signs.astype(np.float64)
-    told = (regions.signs != 0).any(axis=0)
+    compared = (regions.signs != 0).any(axis=0)
     rival, fewest, far = [], [], []
     for index, sign in enumerate(signs):
-        differ = np.where(near[index], np.inf, arrival_order.distances(regions, sign, told))
+        differ = np.where(near[index], np.inf, arrival_order.distances(regions, sign, compared))
         apart = np.linalg.norm(regions.centres - regions.centres[index], axis=1)
         least = differ.min()
         candidates = np.where(differ == least, apart, -1.0)
-        found = np.isfinite(least)
-        rival.append(int(candidates.argmax()) if found else -1)
+        has_rival = np.isfinite(least)
+        rival.append(int(candidates.argmax()) if has_rival else -1)
         fewest.append(float(least))
-        far.append(float(candidates.max()) if found else 0.0)
+        far.append(float(candidates.max()) if has_rival else 0.0)
     return np.array(rival, np.intp), np.array(fewest), np.array(far)
 
 

@@ -120,8 +120,8 @@ LEAST_SNR = 5.0
 
 def impacts_of(labels: Sequence[Label]) -> list[Label]:
     """Return the steps and impacts whose place is known, in order of time."""
-    known = [x for x in labels if x.kind in ("step", "impact") and x.x_m is not None]
-    return sorted((x for x in known if x.y_m is not None), key=lambda x: x.time_ns)
+    located = [x for x in labels if x.kind in ("step", "impact") and x.x_m is not None]
+    return sorted((x for x in located if x.y_m is not None), key=lambda x: x.time_ns)
 
 
 def amplitudes(

@@ -229,19 +229,19 @@ def calibrate(
     """
     impacts = _impacts(gathered, geometry, ignore_places=ignore_places)
     room = _room(geometry)
-    held, clocks = _clocks(impacts, offsets)
+    held_out, clocks = _clocks(impacts, offsets)
     notes = [] if clocks or offsets == "no" else [NO_OFFSETS]
     if not clocks:
         gathered = _on_stated_clocks(gathered, geometry)
         impacts = _impacts(gathered, geometry, ignore_places=ignore_places)
     base = _begun(impacts, room, exponent, clocks=clocks)
-    best, told = _exponent(impacts, base)
-    notes += told
+    best, exponent_notes = _exponent(impacts, base)
+    notes += exponent_notes
     pace_known = best.deviations[0] <= PACE_LIMIT
     notes += [] if pace_known else [_unknown_scale(best)]
     times_s = impacts.times_s - best.floor.offsets_s
     notes += swap_notes(gathered.channels, impacts.positions, times_s, best.places)
-    spread = _spread(impacts, best, held if clocks else None)
+    spread = _spread(impacts, best, held_out if clocks else None)
     return Calibration(
         impacts=len(impacts.times_s),
         sensors=len(impacts.positions),
@@ -255,8 +255,8 @@ def calibrate(
         velocity=_velocity(impacts, best) if pace_known else None,
         arrival_sigma_s=best.sigma_s,
         offsets_estimated=best.free.offsets,
-        held_out_gain=None if held is None else held.gain,
-        held_out_error=None if held is None else held.error,
+        held_out_gain=None if held_out is None else held_out.gain,
+        held_out_error=None if held_out is None else held_out.error,
         offsets=_clock_offsets(gathered.channels, best, spread[2:]) if clocks else (),
         losses=tuple(_by_loss(impacts, best, loss) for loss in LOSSES),
         positions=place_errors(gathered, best, room),
@@ -272,11 +272,11 @@ def _room(geometry: Geometry) -> Array | None:
 
 def _clocks(impacts: Impacts, offsets: str) -> tuple[HeldOut | None, bool]:
     """Return what held-out places say of the clocks, and whether offsets are to be estimated."""
-    held = _held_out(impacts) if offsets != "no" else None
-    clocks = held is not None and held.identifiable
+    held_out = _held_out(impacts) if offsets != "no" else None
+    clocks = held_out is not None and held_out.identifiable
     if offsets == "yes" and not clocks:
-        raise RecordingError(_wanted(held))
-    return held, clocks
+        raise RecordingError(_wanted(held_out))
+    return held_out, clocks
 
 
 def _on_stated_clocks(gathered: Gathered, geometry: Geometry) -> Gathered:
@@ -286,11 +286,11 @@ def _on_stated_clocks(gathered: Gathered, geometry: Geometry) -> Gathered:
     return replace(gathered, times_s=gathered.times_s - stated_s)
 
 
-def _spread(impacts: Impacts, best: JointCalibration, held: HeldOut | None) -> Array:
+def _spread(impacts: Impacts, best: JointCalibration, held_out: HeldOut | None) -> Array:
     """Return the deviations of scale, exponent and offsets, shape (2 + n,)."""
     spread: Array = np.maximum(_bootstrap(impacts, best).std(axis=0), _deviations(best))
-    if held is not None:  # another law of distance tells other clocks
-        spread[2:] = np.maximum(spread[2:], np.abs(held.offsets_s - best.floor.offsets_s))
+    if held_out is not None:  # another law of distance tells other clocks
+        spread[2:] = np.maximum(spread[2:], np.abs(held_out.offsets_s - best.floor.offsets_s))
     if not best.free.exponent:
         spread[1] = np.nan
     return spread
@@ -308,8 +308,8 @@ def _clock_offsets(
     channels: Sequence[str], best: JointCalibration, deviations: Array
 ) -> tuple[ClockOffset, ...]:
     """Return each channel's clock offset with its deviation."""
-    found = zip(channels, best.floor.offsets_s, deviations, strict=True)
-    return tuple(ClockOffset(name, float(value), float(sigma)) for name, value, sigma in found)
+    rows = zip(channels, best.floor.offsets_s, deviations, strict=True)
+    return tuple(ClockOffset(name, float(value), float(sigma)) for name, value, sigma in rows)
 
 
 def _impacts(gathered: Gathered, geometry: Geometry, *, ignore_places: bool) -> Impacts:
@@ -328,15 +328,17 @@ def _impacts(gathered: Gathered, geometry: Geometry, *, ignore_places: bool) -> 
     return Impacts(gathered.positions, gathered.times_s[enough], bounds)
 
 
-def _wanted(held: HeldOut | None) -> str:
+def _wanted(held_out: HeldOut | None) -> str:
     """Say what clocks would need to be told."""
-    found = f"fewer than {FOLDS}"
-    if held is not None:
-        found = f"a log likelihood {held.gain:+.1f} with a standard error of {held.error:.1f}"
+    text = f"fewer than {FOLDS}"
+    if held_out is not None:
+        text = (
+            f"a log likelihood {held_out.gain:+.1f} with a standard error of {held_out.error:.1f}"
+        )
     return (
         f"calibrate: --offsets yes: expected impacts at {FOLDS} or more known places whose log "
         f"likelihood offsets raise by more than {LEAST_GAIN:g} and its standard error, found "
-        f"{found}"
+        f"{text}"
     )
 
 
@@ -358,25 +360,25 @@ def _held_out(impacts: Impacts) -> HeldOut | None:
         return None
     reference = reference_distance(impacts.positions)
     cells = np.rint(impacts.known / (SAME_PART * reference))
-    _, place = np.unique(cells, axis=0, return_inverse=True)
-    place, count = place.reshape(-1), int(place.max()) + 1
+    _, place_index = np.unique(cells, axis=0, return_inverse=True)
+    place_index, count = place_index.reshape(-1), int(place_index.max()) + 1
     if count < FOLDS:
         return None
     columns = _law_columns(impacts, reference)
     turn = np.random.default_rng(SEED).permutation(count) % FOLDS
-    own = np.zeros(count)
+    gains = np.zeros(count)
     for fold in range(FOLDS):
-        out = turn[place] == fold
+        out = turn[place_index] == fold
         for sign, width in ((-1, len(LAW)), (1, columns.shape[2])):
             used = columns[..., :width]
             slopes, sigma = _law_fit(used[~out], impacts.times_s[~out])
             likely = _log_likelihood(used[out] @ slopes, impacts.times_s[out], sigma)
-            for which in np.unique(place[out]):  # repeats at a place are no new evidence
-                own[which] += sign * likely[place[out] == which].mean()
+            for which in np.unique(place_index[out]):  # repeats at a place are no new evidence
+                gains[which] += sign * likely[place_index[out] == which].mean()
     slopes, sigma = _law_fit(columns, impacts.times_s)
-    found = np.append(slopes[len(LAW) :], -slopes[len(LAW) :].sum())
-    error = float(np.sqrt(count) * own.std(ddof=1))
-    return HeldOut(count, float(own.sum()), error, found, sigma)
+    offsets_s = np.append(slopes[len(LAW) :], -slopes[len(LAW) :].sum())
+    error = float(np.sqrt(count) * gains.std(ddof=1))
+    return HeldOut(count, float(gains.sum()), error, offsets_s, sigma)
 
 
 def _law_columns(impacts: Impacts, reference: float) -> Array:
@@ -396,21 +398,21 @@ def _law_fit(columns: Array, times_s: Array) -> tuple[Array, float]:
     -------
     A slope for each column, shape (p,) [s], and the standard deviation of an arrival [s].
     """
-    heard = np.isfinite(times_s)
-    times, weight = np.where(heard, times_s, 0.0), heard.astype(np.float64)
+    valid = np.isfinite(times_s)
+    times, weight = np.where(valid, times_s, 0.0), valid.astype(np.float64)
     for _ in range(PASSES):
-        whole = np.maximum(weight.sum(axis=1), 1e-12)
+        weight_sum = np.maximum(weight.sum(axis=1), 1e-12)
         x = (
             columns
-            - (weight[..., None] * columns).sum(axis=1, keepdims=True) / whole[:, None, None]
+            - (weight[..., None] * columns).sum(axis=1, keepdims=True) / weight_sum[:, None, None]
         )
-        y = times - ((weight * times).sum(axis=1) / whole)[:, None]
+        y = times - ((weight * times).sum(axis=1) / weight_sum)[:, None]
         scaled = x * weight[..., None]
         matrix = np.einsum("mnp,mnq->pq", scaled, x)
         slopes = np.linalg.lstsq(matrix, np.einsum("mnp,mn->p", scaled, y), rcond=1e-10)[0]
         left = y - x @ slopes
-        sigma = max(float(np.median(np.abs(left[heard]))) / 0.6745, LEAST_SIGMA_S)
-        weight = heard * LOSS_WEIGHTS["huber"](left / sigma)
+        sigma = max(float(np.median(np.abs(left[valid]))) / 0.6745, LEAST_SIGMA_S)
+        weight = valid * LOSS_WEIGHTS["huber"](left / sigma)
     return slopes, sigma
 
 
@@ -427,10 +429,10 @@ def _log_likelihood(expected_s: Array, times_s: Array, sigma: float) -> Array:
 def _exponent(impacts: Impacts, base: JointCalibration) -> tuple[JointCalibration, list[str]]:
     """Return the fit with the exponent free where the arrivals tell it, else with it kept."""
     free = FreeParameters(exponent=True, offsets=base.free.offsets)
-    found = fit(impacts, base.floor, base.places, free=free)
-    deviation = found.deviations[1]
-    if deviation <= EXPONENT_LIMIT and 0.5 < found.floor.exponent < 2:
-        return found, []
+    free_fit = fit(impacts, base.floor, base.places, free=free)
+    deviation = free_fit.deviations[1]
+    if deviation <= EXPONENT_LIMIT and 0.5 < free_fit.floor.exponent < 2:
+        return free_fit, []
     return base, [
         f"exponent: not identifiable from these distances (deviation {deviation:.2g}, "
         f"{EXPONENT_LIMIT} allowed): kept at {base.floor.exponent:.4g}"
@@ -456,15 +458,15 @@ def _deviations(best: JointCalibration) -> Array:
     # k = pace / reference^p
     slope = np.array([1.0, -np.log(best.floor.reference_m)])
     shared = best.covariance[:2, :2]
-    known = np.isfinite(shared).all()
-    out[0] = best.floor.scale * (np.sqrt(max(slope @ shared @ slope, 0)) if known else np.inf)
+    is_finite = np.isfinite(shared).all()
+    out[0] = best.floor.scale * (np.sqrt(max(slope @ shared @ slope, 0)) if is_finite else np.inf)
     return out
 
 
 def _velocity(impacts: Impacts, best: JointCalibration) -> float | None:
     """Return the velocity for hyperbolas, by the places found and the arrivals that fit them."""
-    kept = np.abs(np.nan_to_num(best.residuals_s)) <= 3 * best.sigma_s
-    times = np.where(kept, impacts.times_s - best.floor.offsets_s, np.nan)
+    inliers = np.abs(np.nan_to_num(best.residuals_s)) <= 3 * best.sigma_s
+    times = np.where(inliers, impacts.times_s - best.floor.offsets_s, np.nan)
     telling = np.isfinite(times).sum(axis=1) >= 2
     try:
         return calibrated_velocity(best.places[telling], impacts.positions, times[telling])
@@ -473,8 +475,8 @@ def _velocity(impacts: Impacts, best: JointCalibration) -> float | None:
 
 
 def _by_loss(impacts: Impacts, best: JointCalibration, loss: Loss) -> LossFigures:
-    found = fit(impacts, best.floor, best.places, loss=loss, free=best.free)
-    return LossFigures(loss, found.floor.scale, found.floor.exponent, found.sigma_s)
+    loss_fit = fit(impacts, best.floor, best.places, loss=loss, free=best.free)
+    return LossFigures(loss, loss_fit.floor.scale, loss_fit.floor.exponent, loss_fit.sigma_s)
 
 
 E = TypeVar("E", Pick, StepEvent)
@@ -546,10 +548,10 @@ def gather(
     picks = _events_of(events, Pick, picking.stage, picking.topic)
     steps = [e.time_ns for e in _events_of(events, StepEvent, stepping.stage, picking.topic)]
     arrivals = _arrivals_of(sorted(picks, key=lambda p: p.time_ns), steps, rows, window_s)
-    heard = np.flatnonzero(np.isfinite(arrivals).any(axis=0))
-    names = tuple(list(rows)[index] for index in heard)
-    known = _known(steps, labels, geometry, tolerance_s)
-    return Gathered(names, positions[heard], arrivals[:, heard], known)
+    columns = np.flatnonzero(np.isfinite(arrivals).any(axis=0))
+    names = tuple(list(rows)[index] for index in columns)
+    true_places = _known(steps, labels, geometry, tolerance_s)
+    return Gathered(names, positions[columns], arrivals[:, columns], true_places)
 
 
 def _events_of(events: Sequence[Event], kind: type[E], stage: str, topic: str) -> list[E]:
@@ -562,11 +564,11 @@ def _arrivals_of(
 ) -> Array:
     """Return each step's first arrival at each sensor [s after the step], NaN without one."""
     times = np.array([p.time_ns for p in picks], np.int64)
-    found = []
+    arrivals = []
     for step in steps:
         first, last = np.searchsorted(times, [step, step + round(window_s * NS_PER_S) + 1])
-        found.append(first_arrivals(picks[first:last], rows, step, window_s))
-    return np.array(found, np.float64).reshape(-1, len(rows))
+        arrivals.append(first_arrivals(picks[first:last], rows, step, window_s))
+    return np.array(arrivals, np.float64).reshape(-1, len(rows))
 
 
 def picking_stages(events: Sequence[Event]) -> tuple[str, ...]:
@@ -588,7 +590,7 @@ def _known(
     """Return the true place of each step, by the nearest label in time, shape (m, 2)."""
     sources = {name: (x, y) for name, x, y in geometry.sources}
     placed = [(label.time_ns, _place(label, sources)) for label in labels]
-    true = [(time_ns, place) for time_ns, place in placed if place is not None]
+    true = [(time_ns, position) for time_ns, position in placed if position is not None]
     out = np.full((len(steps), 2), np.nan)
     if true:
         times = np.array([time_ns for time_ns, _ in true], np.int64)
@@ -644,16 +646,16 @@ def calibrate_once(
     RecordingError
         As :func:`gather` and :func:`calibrate`.
     """
-    found = _by_stage(events, geometry, labels, choices)
+    calibration = _by_stage(events, geometry, labels, choices)
     stages = picking_stages(events)
     for stage in stages[:-1] if choices.offsets != "no" else ():
         try:
             other = _by_stage(events, geometry, labels, replace(choices, exponent=EXPONENT), stage)
         except RecordingError:
             continue
-        if other.offsets_estimated and other.arrival_sigma_s < found.arrival_sigma_s:
-            found = _clocks_alone(other, stages[-1])
-    return found
+        if other.offsets_estimated and other.arrival_sigma_s < calibration.arrival_sigma_s:
+            calibration = _clocks_alone(other, stages[-1])
+    return calibration
 
 
 def _by_stage(
@@ -673,11 +675,11 @@ def _by_stage(
     )
 
 
-def _clocks_alone(found: Calibration, stage: str) -> Calibration:
+def _clocks_alone(calibration: Calibration, stage: str) -> Calibration:
     """Return what arrivals tell of the clocks; the floor of ``stage``'s arrivals is another."""
-    scale = replace(found.scale, identifiable=False)
-    notes = (*found.notes, AGAIN.format(stage=stage))
-    return replace(found, scale=scale, velocity=None, notes=notes)
+    scale = replace(calibration.scale, identifiable=False)
+    notes = (*calibration.notes, AGAIN.format(stage=stage))
+    return replace(calibration, scale=scale, velocity=None, notes=notes)
 
 
 def calibrate_replaying(
@@ -700,17 +702,17 @@ def calibrate_replaying(
     The last calibration, and the geometry that it was made with.
     """
     events = replayed(geometry)
-    found = calibrate_once(events, geometry, labels, choices)
+    calibration = calibrate_once(events, geometry, labels, choices)
     for _ in range(MOST_REPLAYS if len(picking_stages(events)) > 1 else 0):
-        after = calibrated_geometry(geometry, found)
-        if _moved_s(geometry, after) <= SETTLED * found.arrival_sigma_s:
+        after = calibrated_geometry(geometry, calibration)
+        if _moved_s(geometry, after) <= SETTLED * calibration.arrival_sigma_s:
             break
         geometry = after
         finer = _by_stage(replayed(geometry), geometry, labels, choices)
-        if finer.arrival_sigma_s > found.arrival_sigma_s:
+        if finer.arrival_sigma_s > calibration.arrival_sigma_s:
             break
-        found = finer
-    return found, geometry
+        calibration = finer
+    return calibration, geometry
 
 
 def _moved_s(before: Geometry, after: Geometry) -> float:
@@ -740,7 +742,7 @@ class PlaceErrors:
 
 
 def place_errors(
-    gathered: Gathered, found: JointCalibration, room: Array | None
+    gathered: Gathered, best: JointCalibration, room: Array | None
 ) -> PlaceErrors | None:
     """Locate the impacts without and with a calibration; None where no true place is known."""
     picks = np.isfinite(gathered.times_s).sum(axis=1)
@@ -752,7 +754,7 @@ def place_errors(
     times, true = gathered.times_s[rows], gathered.known[rows]
     before = [tdoa.locate_power_law(gathered.positions, row, room) for row in times]
     impacts = Impacts(gathered.positions, times, bounds_of(gathered.positions, room))
-    after = places_on(impacts, found.floor, room, HUBER * found.sigma_s)
+    after = places_on(impacts, best.floor, room, HUBER * best.sigma_s)
     return PlaceErrors(
         len(rows), _rms(np.array([(p.x, p.y) for p in before]) - true), _rms(after - true)
     )
@@ -762,17 +764,17 @@ def _rms(errors: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
 
-def calibrated_geometry(geometry: Geometry, found: Calibration) -> Geometry:
+def calibrated_geometry(geometry: Geometry, calibration: Calibration) -> Geometry:
     """Return a geometry with what was found; what is not identifiable stays as it was."""
-    medium = replace(geometry.medium, arrival_sigma_s=found.arrival_sigma_s)
-    if found.scale.identifiable:
+    medium = replace(geometry.medium, arrival_sigma_s=calibration.arrival_sigma_s)
+    if calibration.scale.identifiable:
         medium = replace(
             medium,
-            arrival_scale=found.scale.value,
-            arrival_exponent=found.exponent.value,
-            velocity_mps=found.velocity or medium.velocity_mps,
+            arrival_scale=calibration.scale.value,
+            arrival_exponent=calibration.exponent.value,
+            velocity_mps=calibration.velocity or medium.velocity_mps,
         )
-    ahead = {o.channel: o.offset_s for o in found.offsets}
+    ahead = {o.channel: o.offset_s for o in calibration.offsets}
     sensors = tuple(_with_offset(sensor, ahead) for sensor in geometry.sensors)
     return replace(geometry, medium=medium, sensors=sensors)
 

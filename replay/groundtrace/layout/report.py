@@ -118,11 +118,11 @@ class RoomReport:
     remarks: tuple[str, ...]
 
 
-def report(found: RoomAnalysis) -> RoomReport:
+def report(analysis: RoomAnalysis) -> RoomReport:
     """Return an analysis as a document; numbers of its arrays stand in the order of its nodes."""
-    layout, how, signs = found.layout, found.settings, found.signs
+    layout, how, signs = analysis.layout, analysis.settings, analysis.signs
     independent = (signs.independent, signs.variance_independent, signs.most_independent)
-    x, y = (tuple(axis.tolist()) for axis in found.grid.nodes.T)
+    x, y = (tuple(axis.tolist()) for axis in analysis.grid.nodes.T)
     return RoomReport(
         layout.name,
         layout.sigma_s,
@@ -134,43 +134,43 @@ def report(found: RoomAnalysis) -> RoomReport:
         how.seed,
         x,
         y,
-        _sensors(found),
-        tuple(_errors(found, errors) for errors in found.errors),
+        _sensors(analysis),
+        tuple(_errors(analysis, errors) for errors in analysis.errors),
         signs.pairs,
-        _signs(found, signs.physical, signs.variance, signs.most),
-        _signs(found, *independent),
-        tuple(_region(found, i) for i in range(len(found.ambiguity.regions))),
-        tuple(_advice(found, advice) for advice in found.advice),
-        found.remarks,
+        _signs(analysis, signs.physical, signs.variance, signs.most),
+        _signs(analysis, *independent),
+        tuple(_region(analysis, i) for i in range(len(analysis.ambiguity.regions))),
+        tuple(_advice(analysis, advice) for advice in analysis.advice),
+        analysis.remarks,
     )
 
 
-def _sensors(found: RoomAnalysis) -> tuple[SensorReport, ...]:
-    spared = found.contributions or (None,) * len(found.layout.sensors)
-    rows = zip(found.layout.sensors, found.layout.positions.tolist(), spared, strict=True)
+def _sensors(analysis: RoomAnalysis) -> tuple[SensorReport, ...]:
+    spared = analysis.contributions or (None,) * len(analysis.layout.sensors)
+    rows = zip(analysis.layout.sensors, analysis.layout.positions.tolist(), spared, strict=True)
     return tuple(SensorReport(name, x, y, without) for name, (x, y), without in rows)
 
 
-def _errors(found: RoomAnalysis, errors: ErrorMap) -> ErrorReport:
+def _errors(analysis: RoomAnalysis, errors: ErrorMap) -> ErrorReport:
     rmse = errors.rmse_m
     return ErrorReport(
         errors.method,
         errors.mean_m,
         float(np.quantile(rmse, 0.95)),
         float(rmse.max()),
-        *found.worst(errors),
+        *analysis.worst(errors),
         float(np.mean(rmse < SMALL_M)),
         tuple(rmse.tolist()),
     )
 
 
-def _signs(found: RoomAnalysis, mean: np.ndarray, variance: float, most: int) -> SignReport:
-    x, y = found.sign_grid.nodes[mean.argmax()]
+def _signs(analysis: RoomAnalysis, mean: np.ndarray, variance: float, most: int) -> SignReport:
+    x, y = analysis.sign_grid.nodes[mean.argmax()]
     return SignReport(float(mean.mean()), float(mean.max()), float(x), float(y), variance, most)
 
 
-def _region(found: RoomAnalysis, index: int) -> RegionReport:
-    a = found.ambiguity
+def _region(analysis: RoomAnalysis, index: int) -> RegionReport:
+    a = analysis.ambiguity
     (x, y), rival = a.regions.centres[index], int(a.rival[index])
     confusion = float(a.confusion[index])
     return RegionReport(
@@ -185,8 +185,8 @@ def _region(found: RoomAnalysis, index: int) -> RegionReport:
     )
 
 
-def _advice(found: RoomAnalysis, advice: Advice) -> AdviceReport:
-    moved = None if advice.moved is None else found.layout.sensors[advice.moved]
+def _advice(analysis: RoomAnalysis, advice: Advice) -> AdviceReport:
+    moved = None if advice.moved is None else analysis.layout.sensors[advice.moved]
     return AdviceReport(
         "add" if moved is None else "move",
         moved,
@@ -214,9 +214,9 @@ def assumed(layout: Layout) -> str:
     )
 
 
-def error_words(found: RoomAnalysis, errors: ErrorMap) -> str:
+def error_words(analysis: RoomAnalysis, errors: ErrorMap) -> str:
     """Return what an error map says."""
-    x, y = found.worst(errors)
+    x, y = analysis.worst(errors)
     small = float(np.mean(errors.rmse_m < SMALL_M))
     return (
         f"{NAMES[errors.method]}: mean {errors.mean_m:.2f} m, worst {errors.rmse_m.max():.2f} m "
@@ -224,10 +224,10 @@ def error_words(found: RoomAnalysis, errors: ErrorMap) -> str:
     )
 
 
-def sign_words(found: RoomAnalysis) -> str:
+def sign_words(analysis: RoomAnalysis) -> str:
     """Return what the map of wrong signs says."""
-    signs = found.signs
-    x, y = found.sign_grid.nodes[signs.physical.argmax()]
+    signs = analysis.signs
+    x, y = analysis.sign_grid.nodes[signs.physical.argmax()]
     return (
         f"wrong signs of {signs.pairs}: mean {signs.physical.mean():.2f}, worst "
         f"{signs.physical.max():.2f} at ({x:.1f}, {y:.1f}), where 95 % of steps have at most "
@@ -235,9 +235,9 @@ def sign_words(found: RoomAnalysis) -> str:
     )
 
 
-def region_words(found: RoomAnalysis) -> str:
+def region_words(analysis: RoomAnalysis) -> str:
     """Return which regions are ambiguous."""
-    a = found.ambiguity
+    a = analysis.ambiguity
     total, areas = len(a.regions), a.regions.areas
     parts = [
         f"{int(which.sum())} {text} ({areas[which].sum() / areas.sum():.1%} of the area)"
@@ -248,52 +248,53 @@ def region_words(found: RoomAnalysis) -> str:
         )
         if which.any()
     ]
-    if MIRRORED in found.remarks:
+    if MIRRORED in analysis.remarks:
         parts.insert(0, "all the same on both sides of the sensors' line")
-    said = ", ".join(parts) if parts else "none ambiguous"
+    ambiguities = ", ".join(parts) if parts else "none ambiguous"
     if np.isnan(a.confusion).all():
-        return f"{total} regions: {said}; too many to try each"
+        return f"{total} regions: {ambiguities}; too many to try each"
     return (
-        f"{total} regions: {said}; confused {np.average(a.confusion, weights=areas):.1%} of steps"
+        f"{total} regions: {ambiguities}; confused "
+        f"{np.average(a.confusion, weights=areas):.1%} of steps"
     )
 
 
-def contribution_words(found: RoomAnalysis) -> str:
+def contribution_words(analysis: RoomAnalysis) -> str:
     """Return which sensors count most and least."""
-    if not found.contributions:
+    if not analysis.contributions:
         return "no sensor can be spared: three are needed to locate"
-    rises = [without[found.settings.localizer] for without in found.contributions]
+    rises = [without[analysis.settings.localizer] for without in analysis.contributions]
     most, least = int(np.argmax(rises)), int(np.argmin(rises))
-    names = found.layout.sensors
+    names = analysis.layout.sensors
     return (
-        f"{names[most]} counts most (without it {NAMES[found.settings.localizer]} "
+        f"{names[most]} counts most (without it {NAMES[analysis.settings.localizer]} "
         f"{rises[most]:+.2f} m), {names[least]} least ({rises[least]:+.2f} m)"
     )
 
 
-def advice_words(found: RoomAnalysis, advice: Advice) -> str:
+def advice_words(analysis: RoomAnalysis, advice: Advice) -> str:
     """Return what a change gains."""
     x, y = advice.place
     before, after = advice.before_m[advice.method], advice.after_m[advice.method]
     if advice.moved is None:
         what, verb = "one more sensor", "add one"
     else:
-        what = f"moving {found.layout.sensors[advice.moved]}"
-        verb = f"move {found.layout.sensors[advice.moved]}"
+        what = f"moving {analysis.layout.sensors[advice.moved]}"
+        verb = f"move {analysis.layout.sensors[advice.moved]}"
     means = f"mean error of {NAMES[advice.method]} {before:.2f} to {after:.2f} m"
     if advice.gain_m <= WORTH * before:
         return f"{what} gains little: best at ({x:.1f}, {y:.1f}), {means}"
     return f"{verb} to ({x:.1f}, {y:.1f}): {means} ({-advice.gain_m / before:+.0%})"
 
 
-def findings(found: RoomAnalysis) -> list[str]:
+def findings(analysis: RoomAnalysis) -> list[str]:
     """Return all findings, one a line."""
     return [
-        *(error_words(found, errors) for errors in found.errors),
-        sign_words(found),
-        region_words(found),
-        contribution_words(found),
-        *(advice_words(found, advice) for advice in found.advice),
+        *(error_words(analysis, errors) for errors in analysis.errors),
+        sign_words(analysis),
+        region_words(analysis),
+        contribution_words(analysis),
+        *(advice_words(analysis, advice) for advice in analysis.advice),
     ]
 
 
@@ -313,12 +314,12 @@ LEAST_SCALE = 0.1
 ORANGE, BLUE, INK = "#d55e00", "#0072b2", "#1b2028"
 
 
-def save(found: RoomAnalysis, path: Path, mark: str) -> None:
+def save(analysis: RoomAnalysis, path: Path, mark: str) -> None:
     """Write the figure.
 
     Parameters
     ----------
-    found
+    analysis
         The analysis.
     path
         The PNG to write.
@@ -327,19 +328,19 @@ def save(found: RoomAnalysis, path: Path, mark: str) -> None:
     """
     # without pyplot there is no window and no state that figures share
     with atomic_write(path) as fresh:
-        room_figure(found).savefig(fresh, metadata={"Description": mark})
+        room_figure(analysis).savefig(fresh, metadata={"Description": mark})
 
 
-def room_figure(found: RoomAnalysis) -> Figure:
+def room_figure(analysis: RoomAnalysis) -> Figure:
     """Return the figure: three error maps over wrong signs, regions, and sensors."""
-    sheet = _Sheet(found)
-    top = max(float(errors.rmse_m.max()) for errors in found.errors)
-    for column, errors in enumerate(found.errors):
+    sheet = _Sheet(analysis)
+    top = max(float(errors.rmse_m.max()) for errors in analysis.errors)
+    for column, errors in enumerate(analysis.errors):
         axis = sheet.axes(0, column)
-        image = _map(axis, found.grid, errors.rmse_m, top)
+        image = _map(axis, analysis.grid, errors.rmse_m, top)
         sheet.scale(axis, image, "RMS error [m]")
-        _mark(axis, found.worst(errors), "worst")
-        sheet.finish(axis, error_words(found, errors))
+        _mark(axis, analysis.worst(errors), "worst")
+        sheet.finish(axis, error_words(analysis, errors))
     _draw_signs(sheet)
     _regions(sheet)
     _draw_sensors(sheet)
@@ -349,13 +350,13 @@ def room_figure(found: RoomAnalysis) -> Figure:
 class _Sheet:
     """Two rows of three maps of equal scale, each with room for a title, a scale and a key."""
 
-    def __init__(self, found: RoomAnalysis) -> None:
+    def __init__(self, analysis: RoomAnalysis) -> None:
         with unconfigured():
             from matplotlib.backends.backend_agg import FigureCanvasAgg
             from matplotlib.figure import Figure
 
-        self.found = found
-        every = np.vstack([found.layout.outline, found.layout.positions])
+        self.found = analysis
+        every = np.vstack([analysis.layout.outline, analysis.layout.positions])
         low, high = every.min(axis=0), every.max(axis=0)
         pad = PAD * float((high - low).max())
         self._low, self._high = low - pad, high + pad
@@ -365,7 +366,7 @@ class _Sheet:
         size = (3 * COLUMN_IN, sum(self._rows_in) + HEAD_IN)
         self.figure = Figure(size, DPI, facecolor="white")
         FigureCanvasAgg(self.figure)
-        head = f"{found.layout.name}: {assumed(found.layout)}"
+        head = f"{analysis.layout.name}: {assumed(analysis.layout)}"
         y = 1 - 0.6 * HEAD_IN / size[1]
         self.figure.text(LEFT_IN / size[0], y, head, fontsize=13, weight="bold", va="center")
 
@@ -406,12 +407,12 @@ class _Sheet:
         axis.set_ylabel("y [m]")
         axis.set_title(wrapped(title), fontsize=9.5, loc="left", color=INK)
         below = -0.45 / float(self._map_in[1])
-        place: dict[str, Any] = {
+        legend: dict[str, Any] = {
             "loc": "upper left",
             "bbox_to_anchor": (-0.02, below),
             "borderaxespad": 0.0,
         }
-        axis.legend(**place, ncols=4, fontsize=8, frameon=False, columnspacing=1.2)
+        axis.legend(**legend, ncols=4, fontsize=8, frameon=False, columnspacing=1.2)
 
 
 def _map(axis: Axes, grid: Grid, values: Array, top: float) -> AxesImage:
@@ -422,13 +423,13 @@ def _map(axis: Axes, grid: Grid, values: Array, top: float) -> AxesImage:
     return axis.imshow(cells, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=top)
 
 
-def _mark(axis: Axes, place: tuple[float, float], name: str) -> None:
-    axis.plot(*place, "x", color=ORANGE, markersize=10, markeredgewidth=2.5, label=name)
+def _mark(axis: Axes, position: tuple[float, float], name: str) -> None:
+    axis.plot(*position, "x", color=ORANGE, markersize=10, markeredgewidth=2.5, label=name)
 
 
 def _draw_signs(sheet: _Sheet) -> None:
-    found = sheet.found
-    signs, grid, axis = found.signs, found.sign_grid, sheet.axes(1, 0)
+    analysis = sheet.found
+    signs, grid, axis = analysis.signs, analysis.sign_grid, sheet.axes(1, 0)
     most = float(signs.physical.max())
     image = _map(axis, grid, signs.physical, most)
     sheet.scale(axis, image, f"mean number of wrong signs, of {signs.pairs}")
@@ -438,15 +439,15 @@ def _draw_signs(sheet: _Sheet) -> None:
         axis.clabel(lines, fontsize=7, fmt="%.2g")
     x, y = grid.nodes[signs.physical.argmax()]
     _mark(axis, (float(x), float(y)), "most")
-    sheet.finish(axis, sign_words(found))
+    sheet.finish(axis, sign_words(analysis))
 
 
 def _regions(sheet: _Sheet) -> None:
     """Draw how often each region is confused, and mark those that are ambiguous."""
     from matplotlib.collections import LineCollection
 
-    found, axis = sheet.found, sheet.axes(1, 1)
-    a, raster = found.ambiguity, found.raster
+    analysis, axis = sheet.found, sheet.axes(1, 1)
+    a, raster = analysis.ambiguity, analysis.raster
     home = region_at(a.regions, raster.nodes)
     tried = np.nan_to_num(a.confusion)
     (left, bottom), (right, upper) = raster.bounds
@@ -470,14 +471,16 @@ def _regions(sheet: _Sheet) -> None:
                 "markeredgewidth": 0.6,
             }
             axis.plot(*a.sources[which].T, mark, color=ORANGE, label=name, **shape)
-    sheet.finish(axis, region_words(found))
+    sheet.finish(axis, region_words(analysis))
 
 
 def _draw_sensors(sheet: _Sheet) -> None:
     """Draw each sensor as large as its contribution, and what would be better."""
-    found, axis = sheet.found, sheet.axes(1, 2)
-    layout, localizer = found.layout, found.settings.localizer
-    rises = [without[localizer] for without in found.contributions] or [0.0] * len(layout.sensors)
+    analysis, axis = sheet.found, sheet.axes(1, 2)
+    layout, localizer = analysis.layout, analysis.settings.localizer
+    rises = [without[localizer] for without in analysis.contributions] or [0.0] * len(
+        layout.sensors
+    )
     sizes = 50 + 550 * np.maximum(rises, 0.0) / max(*rises, 1e-9)
     axis.scatter(
         layout.positions[:, 0],
@@ -489,31 +492,31 @@ def _draw_sensors(sheet: _Sheet) -> None:
     )
     axis.plot([], [], "o", color=BLUE, label="rise of mean error without it [m]")
     middle = (layout.outline.min(axis=0) + layout.outline.max(axis=0)) / 2
-    for name, place, rise in zip(layout.sensors, layout.positions, rises, strict=True):
-        text = f"{name} {rise:+.2f}" if found.contributions else name
+    for name, position, rise in zip(layout.sensors, layout.positions, rises, strict=True):
+        text = f"{name} {rise:+.2f}" if analysis.contributions else name
         # beside walls names stand towards the middle
-        far = place[0] - middle[0]
+        far = position[0] - middle[0]
         aside = -np.sign(far) if abs(far) > BESIDE_WALL * float(np.ptp(layout.outline[:, 0])) else 0
-        below = place[1] > middle[1]
+        below = position[1] > middle[1]
         offset, align = (
             (9 * aside, -14 if below else 14),
             {1: "left", -1: "right", 0: "center"}[int(aside)],
         )
         at: dict[str, Any] = {"ha": align, "va": "top" if below else "bottom", "fontsize": 8.5}
-        axis.annotate(text, place, offset, textcoords="offset points", **at)
-    for advice in found.advice:
-        _draw_advice(axis, found, advice)
-    said = [advice_words(found, advice) for advice in found.advice]
-    sheet.finish(axis, "\n".join([contribution_words(found), *said]), sensors=False)
+        axis.annotate(text, position, offset, textcoords="offset points", **at)
+    for advice in analysis.advice:
+        _draw_advice(axis, analysis, advice)
+    advice_lines = [advice_words(analysis, advice) for advice in analysis.advice]
+    sheet.finish(axis, "\n".join([contribution_words(analysis), *advice_lines]), sensors=False)
 
 
-def _draw_advice(axis: Axes, found: RoomAnalysis, advice: Advice) -> None:
+def _draw_advice(axis: Axes, analysis: RoomAnalysis, advice: Advice) -> None:
     """Draw where one more sensor, or one moved, would do best."""
     mark, name = ("*", "one more") if advice.moved is None else ("P", "moved")
     shape: dict[str, Any] = {"markersize": 14, "markeredgecolor": INK, "linestyle": "", "zorder": 4}
     axis.plot(*advice.place, mark, color=ORANGE, label=name, **shape)
     if advice.moved is not None:
-        start = found.layout.positions[advice.moved]
+        start = analysis.layout.positions[advice.moved]
         arrow: dict[str, Any] = {
             "arrowstyle": "->",
             "color": ORANGE,

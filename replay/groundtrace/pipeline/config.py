@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from ..errors import PipelineError, SettingError, Usage, did_you_mean
+from groundtrace_codecs.errors import did_you_mean
+
+from ..errors import PipelineError, SettingError, Usage
 from .parameters import StageConfig, build, checked_value, parse_value
 from .plugins import stage_named
 
@@ -94,47 +96,47 @@ def load_pipeline(name_or_path: str) -> PipelineConfig:
     return parse_pipeline(path.read_bytes(), path.name)
 
 
-def parse_pipeline(text: bytes, place: str) -> PipelineConfig:
-    """Read a pipeline out of TOML; ``place`` names it in errors."""
+def parse_pipeline(text: bytes, where: str) -> PipelineConfig:
+    """Read a pipeline out of TOML; ``where`` names it in errors."""
     try:
         table = tomllib.loads(text.decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise PipelineError(f"{place}: expected TOML, found: {error}") from None
-    _known_keys(table, PipelineConfig, place)
+        raise PipelineError(f"{where}: expected TOML, found: {error}") from None
+    _known_keys(table, PipelineConfig, where)
     if isinstance(table.get("needs"), dict):
-        _known_keys(table["needs"], PipelineNeeds, f"{place}: needs")
-    for index, stage in enumerate(_tables(table.get("stage", []), place)):
-        _known_keys(stage, StageConfig, f"{place}: stage {index + 1}")
+        _known_keys(table["needs"], PipelineNeeds, f"{where}: needs")
+    for index, stage in enumerate(_tables(table.get("stage", []), where)):
+        _known_keys(stage, StageConfig, f"{where}: stage {index + 1}")
     try:
         config = msgspec.convert(table, PipelineConfig)
     except msgspec.ValidationError as error:
-        raise PipelineError(f"{place}: expected a pipeline, found: {error}") from None
+        raise PipelineError(f"{where}: expected a pipeline, found: {error}") from None
     if config.application not in APPLICATIONS:
         raise PipelineError(
-            f"{place}: application: expected one of {', '.join(APPLICATIONS)}, "
+            f"{where}: application: expected one of {', '.join(APPLICATIONS)}, "
             f"found {config.application!r}"
         )
     keys = [stage.key for stage in config.stage]
     twice = next((key for key in keys if keys.count(key) > 1), None)
     if twice or "stage" not in table:
         expected = "stages of different names" if twice else "at least one [[stage]]"
-        raise PipelineError(f"{place}: stage: expected {expected}, found {twice or 'none'}")
+        raise PipelineError(f"{where}: stage: expected {expected}, found {twice or 'none'}")
     return config
 
 
-def _tables(value: Any, place: str) -> list[dict[str, Any]]:
+def _tables(value: Any, where: str) -> list[dict[str, Any]]:
     if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
-        raise PipelineError(f"{place}: stage: expected [[stage]] tables, found {value!r}")
+        raise PipelineError(f"{where}: stage: expected [[stage]] tables, found {value!r}")
     return value
 
 
-def _known_keys(table: dict[str, Any], kind: type[Any], place: str) -> None:
-    known = list(kind.__dataclass_fields__)
+def _known_keys(table: dict[str, Any], kind: type[Any], where: str) -> None:
+    names = list(kind.__dataclass_fields__)
     for key in table:
-        if key not in known:
+        if key not in names:
             raise PipelineError(
-                f"{place}: {key}: expected one of {', '.join(known)}, found an unknown key"
-                f"{did_you_mean(key, known)}"
+                f"{where}: {key}: expected one of {', '.join(names)}, found an unknown key"
+                f"{did_you_mean(key, names)}"
             )
 
 

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hint
 
 import msgspec
 
-from ..errors import PipelineError, did_you_mean
+from groundtrace_codecs.errors import did_you_mean
+
+from ..errors import PipelineError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -145,7 +147,7 @@ def _info(owner: type[Any], field: dataclasses.Field[Any], hint: Any) -> Paramet
     )
 
 
-def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
+def build(parameters: type[T], values: Mapping[str, Any], where: str) -> T:
     """Make a parameter object out of a table.
 
     Raises
@@ -153,14 +155,14 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
     PipelineError
         One line naming the key, what is allowed and what was found.
     """
-    converted = {key: checked_value(parameters, key, v, place) for key, v in values.items()}
+    converted = {key: checked_value(parameters, key, v, where) for key, v in values.items()}
     try:
         return parameters(**converted)
     except ValueError as error:  # of values that do not go together, in ``__post_init__``
-        raise PipelineError(f"{place}.{error}") from None
+        raise PipelineError(f"{where}.{error}") from None
 
 
-def checked_value(parameters: Any, key: str, value: Any, place: str) -> Any:
+def checked_value(parameters: Any, key: str, value: Any, where: str) -> Any:
     """Return a value as a parameter has it.
 
     Raises
@@ -168,32 +170,32 @@ def checked_value(parameters: Any, key: str, value: Any, place: str) -> Any:
     PipelineError
         As :func:`build` does.
     """
-    known = {info.name: info for info in describe(parameters)}
-    if key not in known:
+    infos = {info.name: info for info in describe(parameters)}
+    if key not in infos:
         raise PipelineError(
-            f"{place}.{key}: expected one of {', '.join(known) or 'no parameter'}, "
-            f"found an unknown key{did_you_mean(key, known)}"
+            f"{where}.{key}: expected one of {', '.join(infos) or 'no parameter'}, "
+            f"found an unknown key{did_you_mean(key, infos)}"
         )
     try:
         converted = msgspec.convert(value, _hints(parameters)[key])
     except msgspec.ValidationError:
         raise PipelineError(
-            f"{place}.{key}: expected {known[key].allowed}, found {value!r}"
+            f"{where}.{key}: expected {infos[key].allowed}, found {value!r}"
         ) from None
     if isinstance(value, float) and not math.isfinite(value):
-        raise PipelineError(f"{place}.{key}: expected a finite number, found {value!r}")
+        raise PipelineError(f"{where}.{key}: expected a finite number, found {value!r}")
     return converted
 
 
 def given_waypoints(labels: Sequence[Label], updates: str) -> list[Label]:
     """Return the waypoints that a stage is given by its parameter ``updates``, in order of time."""
     count = {"first-two": 2, "waypoints": None}.get(updates, 0)
-    found = [
+    waypoints = [
         x
         for x in sorted(labels, key=lambda x: x.time_ns)
         if x.kind == "waypoint" and x.x_m is not None and x.y_m is not None
     ]
-    return found[:count]
+    return waypoints[:count]
 
 
 def parse_value(text: str) -> Any:

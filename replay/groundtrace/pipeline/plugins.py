@@ -7,7 +7,9 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
-from ..errors import PluginError, did_you_mean
+from groundtrace_codecs.errors import did_you_mean
+
+from ..errors import PluginError
 
 if TYPE_CHECKING:
     from .stage import Stage
@@ -48,10 +50,10 @@ def _points(group: str) -> dict[str, EntryPoint]:
 
 def plugins(group: str) -> tuple[Plugin, ...]:
     """Return the plugins of one group, by name."""
-    found = []
+    entries = []
     for name, point in sorted(_points(group).items()):
         owner = point.dist
-        found.append(
+        entries.append(
             Plugin(
                 group,
                 name,
@@ -60,7 +62,7 @@ def plugins(group: str) -> tuple[Plugin, ...]:
                 point.value,
             )
         )
-    return tuple(found)
+    return tuple(entries)
 
 
 def stage_named(name: str) -> type[Stage]:
@@ -71,10 +73,10 @@ def stage_named(name: str) -> type[Stage]:
     PluginError
         Where there is none, or it does not import.
     """
-    known = sorted(_points("stages"))
-    if name not in known:
+    names = sorted(_points("stages"))
+    if name not in names:
         raise PluginError(
-            f"use: expected one of {', '.join(known)}, found {name!r}{did_you_mean(name, known)}"
+            f"use: expected one of {', '.join(names)}, found {name!r}{did_you_mean(name, names)}"
         )
     kind: type[Stage] = load("stages", name)
     return kind
@@ -90,8 +92,8 @@ def load(group: str, name: str) -> Any:
     """
     points = _points(group)
     if name not in points:
-        known = ", ".join(sorted(points)) or "none"
-        raise PluginError(f"{group}: expected one of {known}, found {name!r}")
+        names = ", ".join(sorted(points)) or "none"
+        raise PluginError(f"{group}: expected one of {names}, found {name!r}")
     try:
         return points[name].load()
     except Exception as error:
