@@ -249,13 +249,13 @@ def _against_truth(reasons: tuple[StepReasons, StepReasons]) -> list[Decision]:
     right_a, right_b = set(a.pairs[:, 0].tolist()), set(b.pairs[:, 0].tolist())
     decisions = []
     for index, time_ns in enumerate(a.truth_ns.tolist()):
-        found = (index in right_a, index in right_b)
-        verdict = _said(found, "both right", "only A right", "only B right", "both missed")
-        decisions.append(_decision(reasons, time_ns, index + 1, verdict, found))
+        detected = (index in right_a, index in right_b)
+        verdict = _said(detected, "both right", "only A right", "only B right", "both missed")
+        decisions.append(_decision(reasons, time_ns, index + 1, verdict, detected))
     false = a.found_ns[a.false], b.found_ns[b.false]
-    for time_ns, found in _paired(*false, reasons[0].evidence.start_ns, a.tolerance_s):
-        verdict = _said(found, "both false", "only A false", "only B false")
-        decisions.append(_decision(reasons, time_ns, None, verdict, found))
+    for time_ns, detected in _paired(*false, reasons[0].evidence.start_ns, a.tolerance_s):
+        verdict = _said(detected, "both false", "only A false", "only B false")
+        decisions.append(_decision(reasons, time_ns, None, verdict, detected))
     return decisions
 
 
@@ -267,8 +267,8 @@ def _against_each_other(sides: tuple[Evidence, Evidence], tolerance_s: float) ->
         StepReasons(sides[1], tolerance_s, _answering(sides[1], times[0], tolerance_s)),
     )
     return [
-        _decision(reasons, time_ns, None, _said(found, "both", "only A", "only B"), found)
-        for time_ns, found in _paired(*times, sides[0].start_ns, tolerance_s)
+        _decision(reasons, time_ns, None, _said(detected, "both", "only A", "only B"), detected)
+        for time_ns, detected in _paired(*times, sides[0].start_ns, tolerance_s)
     ]
 
 
@@ -279,8 +279,8 @@ def _answering(evidence: Evidence, true_ns: NDArray[np.int64], tolerance_s: floa
     return match_steps(labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
 
 
-def _said(found: tuple[bool, bool], both: str, only_a: str, only_b: str, none: str = "") -> str:
-    return {(True, True): both, (True, False): only_a, (False, True): only_b}.get(found, none)
+def _said(detected: tuple[bool, bool], both: str, only_a: str, only_b: str, none: str = "") -> str:
+    return {(True, True): both, (True, False): only_a, (False, True): only_b}.get(detected, none)
 
 
 def _paired(
@@ -299,30 +299,30 @@ def _decision(
     time_ns: int,
     step: int | None,
     verdict: str,
-    found: tuple[bool, bool],
+    detected: tuple[bool, bool],
 ) -> Decision:
     time_s = (time_ns - reasons[0].evidence.start_ns) / NS_PER_S
     names: tuple[SideName, SideName] = ("A", "B")
     pairs = tuple(
         SidePair(name, pair)
-        for name, side, has in zip(names, reasons, found, strict=True)
+        for name, side, has in zip(names, reasons, detected, strict=True)
         if (pair := side.wrong_time(time_ns)) is not None and not (has and verdict in ONE_SIDED)
     )
-    if found[0] == found[1]:
+    if detected[0] == detected[1]:
         return Decision(time_s, step, verdict, None, pairs)
-    lacks: SideName = "B" if found[0] else "A"
-    obstacle = _obstacle(lacks, reasons[1] if found[0] else reasons[0], time_ns)
+    lacks: SideName = "B" if detected[0] else "A"
+    obstacle = _obstacle(lacks, reasons[1] if detected[0] else reasons[0], time_ns)
     return Decision(time_s, step, verdict, obstacle, pairs)
 
 
 def _obstacle(side: SideName, reasons: StepReasons, time_ns: int) -> RejectionCause:
     reason = reasons.at(time_ns)
     first = next((r for r in reason.readings if r.gate == reason.gate), None)
-    place = (side, reason.cause, reason.text, reason.stage, reason.topic)
+    fields = (side, reason.cause, reason.text, reason.stage, reason.topic)
     if first is None:
-        return RejectionCause(*place)
+        return RejectionCause(*fields)
     return RejectionCause(
-        *place, first.gate, first.parameter, first.value, first.threshold, first.margin
+        *fields, first.gate, first.parameter, first.value, first.threshold, first.margin
     )
 
 
@@ -352,9 +352,9 @@ def changed_parameters(a: PipelineConfig, b: PipelineConfig) -> tuple[ParameterC
         if values[0].get("use") != values[1].get("use"):
             names = ["use"]
         for name in names:
-            found = values[0].get(name), values[1].get(name)
-            if found[0] != found[1]:
-                changes.append(ParameterChange(key, name, *found))
+            pair = values[0].get(name), values[1].get(name)
+            if pair[0] != pair[1]:
+                changes.append(ParameterChange(key, name, *pair))
     return tuple(changes)
 
 
@@ -435,10 +435,12 @@ def compare_places(
     here, there, truth = found_places(one), found_places(other), true_places(labels)
     pairs = match_places(here, there, tolerance_s)
     apart = np.hypot(*(here.xy[pairs[:, 0]] - there.xy[pairs[:, 1]]).T)
-    known = dict(match_places(truth, here, tolerance_s)[:, ::-1].tolist()) if len(truth) else {}
+    truth_index = (
+        dict(match_places(truth, here, tolerance_s)[:, ::-1].tolist()) if len(truth) else {}
+    )
     rows = []
     for (i, j), distance in zip(pairs.tolist(), apart.tolist(), strict=True):
-        at = truth.xy[known[i]] if i in known else None
+        at = truth.xy[truth_index[i]] if i in truth_index else None
         errors = (_error(here.xy[i], at), _error(there.xy[j], at))
         rows.append(PlacePair((one[i].time_ns - start_ns) / NS_PER_S, distance, *errors))
     return PlaceComparison(
@@ -461,5 +463,5 @@ def _fixes(events: Iterable[Event]) -> list[Fix]:
 
 
 def _rms(errors: Sequence[float | None]) -> float | None:
-    known: NDArray[np.float64] = np.array([e for e in errors if e is not None], np.float64)
-    return float(np.sqrt(np.mean(known**2))) if len(known) else None
+    valid: NDArray[np.float64] = np.array([e for e in errors if e is not None], np.float64)
+    return float(np.sqrt(np.mean(valid**2))) if len(valid) else None

@@ -90,8 +90,8 @@ class Question:
         wanted = self.kind or (given[0] if given else "steps")
         if any(name != wanted for name in given):
             options = {"steps": "--step", "fixes": "--fix", "picks": "--pick"}
-            found = " and ".join(options[name] for name in given)
-            raise UsageError(f"--kind {wanted}: expected {options[wanted]}, found {found}")
+            given_options = " and ".join(options[name] for name in given)
+            raise UsageError(f"--kind {wanted}: expected {options[wanted]}, found {given_options}")
         return wanted
 
 
@@ -161,9 +161,9 @@ def _kind_of(evidence: Evidence, name: str, at_ns: int | None) -> Kind:
     kinds: dict[str, Kind] = {"step": "steps", "fix": "fixes", "pick": "picks"}
     chosen = next((kind for event, kind in kinds.items() if event in given), None)
     if given and chosen is None and at_ns is None:
-        found = ", ".join(sorted(given))
+        event_names = ", ".join(sorted(given))
         raise RecordingError(
-            f"{name}: expected steps, picks, fixes or passes to explain, found {found}; "
+            f"{name}: expected steps, picks, fixes or passes to explain, found {event_names}; "
             f"--at SECONDS explains a moment"
         )
     return chosen or "steps"
@@ -180,14 +180,14 @@ def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int 
     tolerance_s = asked.tolerance_s
     step = asked.step if at_ns is None else None
     time_ns = _time_of(evidence, name, asked) if at_ns is None else at_ns
-    found = moment(evidence, time_ns, tolerance_s)
+    step_moment = moment(evidence, time_ns, tolerance_s)
     redecider = OfflineDecider(evidence)
-    sought = step is not None and found.reason is not None and not redecider.untried
+    sought = step is not None and step_moment.reason is not None and not redecider.untried
     remedy = None
     if sought:
         reasons = StepReasons(evidence, tolerance_s)
         remedy = remedy_of(RemedySearch(redecider, tolerance_s), reasons, time_ns)
-    return Answer("steps", found, time_ns, step, remedy, sought)
+    return Answer("steps", step_moment, time_ns, step, remedy, sought)
 
 
 def _time_of(evidence: Evidence, name: str, asked: Question) -> int:
@@ -214,13 +214,13 @@ def _explained_place(evidence: Evidence, _name: str, asked: Question, at_ns: int
 def _explained_picks(evidence: Evidence, _name: str, asked: Question, at_ns: int | None) -> Answer:
     if at_ns is not None:
         return Answer("picks", pick_moment(evidence, at_ns, None, asked.stage), at_ns)
-    found = pick_account(evidence, asked.pick_tolerance_s, asked.stage)
+    account = pick_account(evidence, asked.pick_tolerance_s, asked.stage)
     if asked.pick is None:
-        return Answer("picks", found)
-    if not 1 <= asked.pick <= len(found.bad):
-        expected = f"1 to {len(found.bad)}" if found.bad else "none, as no pick is bad"
+        return Answer("picks", account)
+    if not 1 <= asked.pick <= len(account.bad):
+        expected = f"1 to {len(account.bad)}" if account.bad else "none, as no pick is bad"
         raise UsageError(f"{evidence.name}: --pick: expected {expected}, found {asked.pick}")
-    bad = found.bad[asked.pick - 1]
+    bad = account.bad[asked.pick - 1]
     time_ns = evidence.start_ns + round(bad.time_s * NS_PER_S)
     return Answer("picks", pick_moment(evidence, time_ns, bad, asked.stage), time_ns)
 

@@ -91,12 +91,12 @@ def locating(evidence: Evidence, stage: str = "") -> StageEvidence:
     members = configs[fixing[-1].spec.stage].source if fixing else ()
     made_of = [name for name in names if name in members] or names
     wanted = stage or (made_of[-1] if made_of else "")
-    found = [p for p in parts if p.spec.stage == wanted]
-    if not found:
+    stage_parts = [p for p in parts if p.spec.stage == wanted]
+    if not stage_parts:
         expected = f"one of {', '.join(names)}" if names else "a stage that located steps"
-        lacking = "none (without the sensors' places nothing is located)"
-        raise RecordingError(f"{evidence.name}: expected {expected}, found {stage or lacking}")
-    return max(found, key=lambda part: len(part.candidates))
+        missing_text = "none (without the sensors' places nothing is located)"
+        raise RecordingError(f"{evidence.name}: expected {expected}, found {stage or missing_text}")
+    return max(stage_parts, key=lambda part: len(part.candidates))
 
 
 def by_arrivals(plugin: str) -> bool:
@@ -115,17 +115,17 @@ def before(evidence: Evidence, part: StageEvidence, emits: tuple[str, ...]) -> S
     """
     order = [stage.key for stage in evidence.config.stage]
     earlier = order[: order.index(part.spec.stage)]
-    found = [
+    earlier_parts = [
         p
         for p in evidence.stages
         if p.spec.stage in earlier and p.spec.emits in emits and p.spec.topic == part.spec.topic
     ]
-    if not found:
+    if not earlier_parts:
         raise RecordingError(
             f"{evidence.name}: {part.spec.stage}: expected a stage that gives "
             f"{' or '.join(emits)} before it, found none"
         )
-    return max(found, key=lambda p: earlier.index(p.spec.stage))
+    return max(earlier_parts, key=lambda p: earlier.index(p.spec.stage))
 
 
 def accepted_picks(part: StageEvidence) -> list[Pick]:
@@ -229,10 +229,10 @@ class StepTruth:
 
     def verdicts(self, passed: Sequence[tuple[StageSpec, Candidates]]) -> Verdicts:
         """Match the times of all topics."""
-        found = self.steps.match(times_of(passed))
-        hit = np.zeros(len(found.truth_ns), np.bool_)
-        hit[found.pairs[:, 0]] = True
-        return Verdicts(hit, found.found_ns[found.false])
+        matching = self.steps.match(times_of(passed))
+        hit = np.zeros(len(matching.truth_ns), np.bool_)
+        hit[matching.pairs[:, 0]] = True
+        return Verdicts(hit, matching.found_ns[matching.false])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,13 +262,13 @@ class PassTruth:
 
     def verdicts(self, passed: Sequence[tuple[StageSpec, Candidates]]) -> Verdicts:
         """Match station by station."""
-        found = self._found(passed)
+        detected_ns = self._found(passed)
         none = np.empty(0, np.int64)
         hits, false = [np.empty(0, np.bool_)], [none]
         judge = self._overheard if self.heard else self._told
-        for station in sorted({*self.times_ns, *found}):
+        for station in sorted({*self.times_ns, *detected_ns}):
             truth = self.times_ns.get(station, none)
-            hit, wrong = judge(truth, found.get(station, none))
+            hit, wrong = judge(truth, detected_ns.get(station, none))
             hits.append(hit)
             false.append(wrong)
         wrong = np.concatenate(false)
@@ -286,21 +286,23 @@ class PassTruth:
         return {name: np.sort(np.concatenate(times)) for name, times in parts.items()}
 
     def _told(
-        self, truth: NDArray[np.int64], found: NDArray[np.int64]
+        self, truth: NDArray[np.int64], detected_ns: NDArray[np.int64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         origin = truth[0] if len(truth) else 0
-        pairs = match((truth - origin) / NS_PER_S, (found - origin) / NS_PER_S, self.tolerance_s)
-        hit, right = np.zeros(len(truth), np.bool_), np.zeros(len(found), np.bool_)
+        pairs = match(
+            (truth - origin) / NS_PER_S, (detected_ns - origin) / NS_PER_S, self.tolerance_s
+        )
+        hit, right = np.zeros(len(truth), np.bool_), np.zeros(len(detected_ns), np.bool_)
         hit[pairs[:, 0]], right[pairs[:, 1]] = True, True
-        return hit, found[~right]
+        return hit, detected_ns[~right]
 
     def _overheard(
-        self, truth: NDArray[np.int64], found: NDArray[np.int64]
+        self, truth: NDArray[np.int64], detected_ns: NDArray[np.int64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        hit = _away(truth, found) <= self.tolerance_s
-        new = np.diff(found, prepend=-(2**62)) > _BRIDGE_S * NS_PER_S
-        stays = found[new]
-        far = _away(found, truth) > _AWAY_S
+        hit = _away(truth, detected_ns) <= self.tolerance_s
+        new = np.diff(detected_ns, prepend=-(2**62)) > _BRIDGE_S * NS_PER_S
+        stays = detected_ns[new]
+        far = _away(detected_ns, truth) > _AWAY_S
         # a stay is false where all of it is far from any pass
         number = np.cumsum(new) - 1
         near = np.bincount(number[~far], minlength=len(stays)) > 0
@@ -321,7 +323,9 @@ def times_of(passed: Sequence[tuple[StageSpec, Candidates]]) -> NDArray[np.int64
     """Return the times of candidates of all topics [ns]."""
     if len(passed) == 1:
         return passed[0][1].time_ns
-    return np.concatenate([np.empty(0, np.int64), *(found.time_ns for _, found in passed)])
+    return np.concatenate(
+        [np.empty(0, np.int64), *(candidates.time_ns for _, candidates in passed)]
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,9 +383,9 @@ def below(reading: GateReading) -> str:
         return f"{reading.gate} is no number, the threshold is {readable(reading.threshold)}{unit}"
     # a time is stored rounded: one that just fails may read as the threshold itself
     at_threshold = reading.value == reading.threshold
-    found = reading.threshold - abs(reading.margin) if at_threshold else reading.value
-    value, threshold = told_apart(found, reading.threshold)
-    sign = "<" if found < reading.threshold else ">"
+    measured = reading.threshold - abs(reading.margin) if at_threshold else reading.value
+    value, threshold = told_apart(measured, reading.threshold)
+    sign = "<" if measured < reading.threshold else ">"
     margin = readable(reading.margin, 3)
     return f"{reading.gate} {value}{unit} {sign} {threshold}{unit} (margin {margin})"
 
@@ -525,19 +529,20 @@ def bootstrap(settings: Sequence[Sequence[Verdicts]]) -> Confidence:
     false = _occurrence(settings)
     n = hit.shape[1]
     steps = rng.multinomial(n, np.full(n, 1 / n), size=DRAWS).astype(np.float64)
-    found = steps @ hit.T
+    right = steps @ hit.T
     wrong = rng.poisson(1.0, (DRAWS, false.shape[1])).astype(np.float64) @ false.T
-    f1 = 2 * found / (n + found + wrong)
+    f1 = 2 * right / (n + right + wrong)
     return Confidence(_intervals(f1), _intervals(f1[:, :1] - f1))
 
 
 def _occurrence(settings: Sequence[Sequence[Verdicts]]) -> NDArray[np.float64]:
     """Return which false detections each setting has, of all that any has."""
     keys = [[(r, t) for r, v in enumerate(s) for t in v.false_ns.tolist()] for s in settings]
-    column = {key: i for i, key in enumerate(sorted({key for found in keys for key in found}))}
+    every = {key for false_keys in keys for key in false_keys}
+    column = {key: i for i, key in enumerate(sorted(every))}
     out = np.zeros((len(settings), len(column)))
-    for row, found in enumerate(keys):
-        for key in found:
+    for row, false_keys in enumerate(keys):
+        for key in false_keys:
             out[row, column[key]] += 1
     return out
 
@@ -681,24 +686,24 @@ class StepReasons:
             return self._found(final, pair, near)
         finder = _finder(evidence, final)
         if finder and not near:  # what found no step gave none to the stage that works on steps
-            found = self._candidates(finder, time_ns, within)
-            given = [(part, row) for part, row in found if part.accepted[row]]
+            candidates = self._candidates(finder, time_ns, within)
+            given = [(part, row) for part, row in candidates if part.accepted[row]]
             if given:
                 part, row = min(given, key=lambda item: closeness(item[0], item[1], time_ns))
                 text = f"{finder} finds it, {final} does not give it again"
                 return replace(self._timing(part, row, text), cause="dropped")
-            final, near = finder, found
+            final, near = finder, candidates
         if near:
             part, row = min(near, key=lambda item: closeness(item[0], item[1], time_ns))
             return self._failed(part, row, time_ns, within)
         far = self._candidates(final, time_ns, self._reach_ns(time_ns))
-        own = [item for item in far if self._is_nearest(item, time_ns)]
-        accepted = any(part.accepted[row] for part, row in own)
+        nearest = [item for item in far if self._is_nearest(item, time_ns)]
+        accepted = any(part.accepted[row] for part, row in nearest)
         nothing = None if accepted else _nothing(evidence, final, time_ns, within)
         # a candidate farther off that is no step says little where there was no signal at all
-        if nothing is not None and (not own or nothing.cause in {"gap", "dead"}):
+        if nothing is not None and (not nearest or nothing.cause in {"gap", "dead"}):
             return nothing
-        part, row = min(own, key=lambda item: closeness(item[0], item[1], time_ns))
+        part, row = min(nearest, key=lambda item: closeness(item[0], item[1], time_ns))
         return self._off(part, row, time_ns)
 
     def _candidates(self, stage: str, time_ns: int, reach: int) -> list[tuple[StageEvidence, int]]:
@@ -844,10 +849,10 @@ def _verdict(
     if hint.cause in {"clipped", "dead"} and len(part.spec.channels) == 1:
         return hint.cause, f"{below(first)}; {hint.text}", ()
     if len(part.spec.channels) == 1 and evidence.unfiltered is not None:
-        found = evidence.unfiltered.clipped(part, time_ns - reach, time_ns + reach)
-        if found is not None:
-            channel_text = f"{found[0]} is clipped: it stands still at its extreme"
-            return "clipped", f"{below(first)}; {channel_text} for {found[1] * 1e3:.0f} ms", ()
+        clipping = evidence.unfiltered.clipped(part, time_ns - reach, time_ns + reach)
+        if clipping is not None:
+            channel_text = f"{clipping[0]} is clipped: it stands still at its extreme"
+            return "clipped", f"{below(first)}; {channel_text} for {clipping[1] * 1e3:.0f} ms", ()
     return "threshold", below(first) + _of_usual(evidence, part, row), ()
 
 
@@ -856,10 +861,10 @@ def _of_usual(evidence: Evidence, part: StageEvidence, row: int) -> str:
     stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
     shares = getattr(stage_named(stage.use), "of_usual", ()) if stage is not None else ()
     names = [column.name for column in part.spec.columns]
-    told = {n: float(part.candidates.value[row, names.index(n)]) for n in shares if n in names}
-    if not told or not np.isfinite(list(told.values())).all():
+    measured = {n: float(part.candidates.value[row, names.index(n)]) for n in shares if n in names}
+    if not measured or not np.isfinite(list(measured.values())).all():
         return ""
-    return f"; {' and '.join(f'{n} {x:.2f}' for n, x in told.items())} of a usual step"
+    return f"; {' and '.join(f'{n} {x:.2f}' for n, x in measured.items())} of a usual step"
 
 
 def _lacking(
@@ -888,10 +893,10 @@ def _lacking(
     source, signal = _upstream(evidence, part), evidence.unfiltered
     filtered = cause == "coincidence" and any(m.cause == "filter" for m in missing)
     if filtered and source is not None and signal is not None:
-        found = signal.group(part, source, time_ns - reach, time_ns + reach)
-        if found is not None:
+        group = signal.group(part, source, time_ns - reach, time_ns + reach)
+        if group is not None:
             cause = "filter"
-            text = f"{text}, by {found.value:g} without the filter (change the band and replay)"
+            text = f"{text}, by {group.value:g} without the filter (change the band and replay)"
     return cause, "; ".join([f"{text}: {names[0]}", *names[1:]]) if names else text, names
 
 
@@ -935,19 +940,19 @@ def _nothing(evidence: Evidence, stage: str, time_ns: int, reach: int) -> Reason
     source = _upstream(evidence, part)
     signal = evidence.unfiltered
     if source is not None and signal is not None and signal.at_hand:
-        found = signal.group(part, source, time_ns - reach, time_ns + reach)
-        if found is not None:
+        group = signal.group(part, source, time_ns - reach, time_ns + reach)
+        if group is not None:
             text = (
-                f"{FILTERED}: without it {found.value:g} channels pick it "
-                f"{later_text(found.time_ns - time_ns)}; no channel was picked: "
+                f"{FILTERED}: without it {group.value:g} channels pick it "
+                f"{later_text(group.time_ns - time_ns)}; no channel was picked: "
             )
             where = (stage, part.spec.topic)
             return Reason("filter", text + "; ".join(names), *where, channels=names)
     causes = [m.cause for m in missing]
-    told = [cause for cause in causes if cause != "quiet"]
+    specific_causes = [cause for cause in causes if cause != "quiet"]
     # where most channels were quiet, what a few have of their own does not explain it
-    quiet = 2 * len(told) < len(causes) or not told
-    cause = "quiet" if quiet else max(told, key=told.count)
+    quiet = 2 * len(specific_causes) < len(causes) or not specific_causes
+    cause = "quiet" if quiet else max(specific_causes, key=specific_causes.count)
     picked = "taken" in causes or source is None or len(names) < len(source.spec.channels)
     text = f"no group of picks within {within_ms}" if picked else "no channel was picked"
     return Reason(
@@ -994,11 +999,11 @@ def silent(
         return quiet.cause, quiet.text
     signal = evidence.unfiltered
     if signal is not None and signal.at_hand:
-        found = signal.nearest(part, channel, time_ns - reach, time_ns + reach)
-        if found is None:
+        unmuted = signal.nearest(part, channel, time_ns - reach, time_ns + reach)
+        if unmuted is None:
             return quiet.cause, quiet.text
         levels = f"; {quiet.levels}" if quiet.levels else ""
-        return "filter", f"{without_filter(part, found, time_ns)}; {quiet.text}{levels}"
+        return "filter", f"{without_filter(part, unmuted, time_ns)}; {quiet.text}{levels}"
     if not quiet.levels or unfiltered_kind(stage) is None:
         return quiet.cause, quiet.text
     return quiet.cause, (
@@ -1017,13 +1022,13 @@ def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
     return worker
 
 
-def without_filter(part: StageEvidence, found: Unmuted, time_ns: int) -> str:
+def without_filter(part: StageEvidence, unmuted: Unmuted, time_ns: int) -> str:
     """Say that the filter takes something out, by the candidate that is there without it."""
     first = part.spec.columns[0]
     unit = unit_after(first.unit)
     return (
-        f"{FILTERED}: without it a candidate {later_text(found.time_ns - time_ns)} passes every "
-        f"threshold ({first.name} {readable(found.value)}{unit})"
+        f"{FILTERED}: without it a candidate {later_text(unmuted.time_ns - time_ns)} passes every "
+        f"threshold ({first.name} {readable(unmuted.value)}{unit})"
     )
 
 
@@ -1079,13 +1084,13 @@ def channel_verdict(
     evidence: Evidence | None = None,
 ) -> tuple[str, str]:
     """Return cause and sentence for one channel without a pick; ``rows`` are candidates near."""
-    own = rows[source.candidates.channel[rows] == channel]
-    if not len(own) and evidence is not None:
+    channel_rows = rows[source.candidates.channel[rows] == channel]
+    if not len(channel_rows) and evidence is not None:
         return silent(evidence, source, channel, time_ns, reach)
     quiet = silence(source, channel, time_ns - reach, time_ns + reach)
-    if quiet.cause in {"dead", "clipped"} or not len(own):
+    if quiet.cause in {"dead", "clipped"} or not len(channel_rows):
         return quiet.cause, quiet.text
-    row = int(min(own, key=lambda r: closeness(source, int(r), time_ns)))
+    row = int(min(channel_rows, key=lambda r: closeness(source, int(r), time_ns)))
     first = next((r for r in readings(source, row) if not r.passed), None)
     if first is None:
         later_ms = (int(source.candidates.time_ns[row]) - time_ns) / 1e6
@@ -1219,8 +1224,8 @@ def _own_value(
     times = part.candidates.time_ns[rows]
     outside = (part.candidates.channel[rows] == channel) & ((times < span[0]) | (times > span[1]))
     times, peaks = times[outside], part.candidates.value[rows[outside], 0].astype(np.float64)
-    own = ~np.isin(values, peaks)
-    reached = float(values[own].max()) if own.any() else float(values.max())
+    inside = ~np.isin(values, peaks)
+    reached = float(values[inside].max()) if inside.any() else float(values.max())
     if reached >= values.max():
         return reached, None
     return reached, int(times[peaks == values.max()][0])

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from groundtrace_codecs.errors import did_you_mean
 from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
-from ..errors import PipelineError, RecordingError, SettingError, did_you_mean
+from ..errors import PipelineError, RecordingError, SettingError
 from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
 from ..pipeline.gates import Candidates, GateState, decide, decided_block, gate_specs, stated
 from ..pipeline.parameters import build, describe, parse_value
@@ -98,9 +99,9 @@ class OfflineDecider:
 
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
-        found = [(stage, stage_named(stage.use)) for stage in evidence.config.stage]
+        stage_kinds = [(stage, stage_named(stage.use)) for stage in evidence.config.stage]
         #: Configuration and class of each stage that decides about steps.
-        self.stages = [each for each in found if detects(each[1]) or associates(each[1])]
+        self.stages = [each for each in stage_kinds if detects(each[1]) or associates(each[1])]
         self._unchanged = {
             stage.key: build(kind.Parameters, stage.parameters, stage.key)
             for stage, kind in self.stages
@@ -122,14 +123,14 @@ class OfflineDecider:
         picking = ""
         for stage, kind in self.stages:
             parameters = self.parameters(stage, kind, settings or {})
-            found: Iterable[Event]
+            stage_events: Iterable[Event]
             if detects(kind):
-                found = self._detector(stage.key, kind, parameters, span_ns)
+                stage_events = self._detector(stage.key, kind, parameters, span_ns)
             else:
                 runner = StageRunner(stage, kind, parameters, {kind.takes[0]: (picking,)})
-                found = associated(runner, _sources(picking, blocks, events))
+                stage_events = associated(runner, _sources(picking, blocks, events))
             picking = stage.key if Pick in kind.gives else picking
-            for item in found:
+            for item in stage_events:
                 if isinstance(item, CandidateBlock):
                     blocks.append(item)
                 elif isinstance(item, Pick | StepEvent):
@@ -204,8 +205,8 @@ def _sources(
     for block in blocks:
         if block.spec.stage == stage:
             topic = block.spec.topic
-            found = [e for e in events if isinstance(e, Pick) and e.stage == stage]
-            yield block.spec, [pick for pick in found if pick.topic == topic]
+            picks = [e for e in events if isinstance(e, Pick) and e.stage == stage]
+            yield block.spec, [pick for pick in picks if pick.topic == topic]
 
 
 def associated(
@@ -270,17 +271,17 @@ class GateCascade:
 
     def passed(self, parameters: Any) -> Candidates:
         """Return the candidates that pass every gate."""
-        found = self.candidates
+        passing = self.candidates
         for depth, gate in enumerate(self.gates):
             threshold = float(getattr(parameters, gate.parameter))
             if depth < len(self._last) and self._last[depth][0] != threshold:
                 del self._last[depth:]
             if depth == len(self._last):
-                given = found, self.spec.columns, (gate,), parameters
+                given = passing, self.spec.columns, (gate,), parameters
                 decisions, _ = decide(*given, self._carry)
-                self._last.append((threshold, found.rows(decisions.accepted)))
-            found = self._last[depth][1]
-        return found
+                self._last.append((threshold, passing.rows(decisions.accepted)))
+            passing = self._last[depth][1]
+        return passing
 
 
 class ChainStage:
@@ -298,12 +299,12 @@ class ChainStage:
         self.stage = stage
         self.kind = kind
         self.base = build(kind.Parameters, stage.parameters, stage.key)
-        own = [(i, axis.parameter) for i, axis in enumerate(axes) if axis.stage == stage.key]
+        stage_axes = [(i, axis.parameter) for i, axis in enumerate(axes) if axis.stage == stage.key]
         gates = [gate.parameter for gate in kind.gates]
-        rank = {name: 1 + gates.index(name) for _, name in own if name in gates}
+        rank = {name: 1 + gates.index(name) for _, name in stage_axes if name in gates}
         #: Places in a setting of this stage's values, what changes most first.
-        self.own = sorted(own, key=lambda item: rank.get(item[1], 0))
-        self._measured = [i for i, name in own if name not in gates]
+        self.own = sorted(stage_axes, key=lambda item: rank.get(item[1], 0))
+        self._measured = [i for i, name in stage_axes if name not in gates]
         self.sieves: list[GateCascade] = []
         self._values: tuple[Any, ...] | None = None
         self._passed: list[Passed] = []
@@ -349,16 +350,16 @@ def _picks(
     passed: list[Passed], gates: tuple[GateSpec, ...]
 ) -> Iterator[tuple[StageSpec, Iterator[Pick]]]:
     """Yield the picks that accepted candidates stand for."""
-    for spec, found in passed:
-        none = np.empty((len(found), 0), np.float32)
+    for spec, candidates in passed:
+        none = np.empty((len(candidates), 0), np.float32)
         block = CandidateBlock(
             replace(spec, gates=gates),
-            found.time_ns,
-            found.channel,
-            found.value,
+            candidates.time_ns,
+            candidates.channel,
+            candidates.value,
             none,
             none,
-            np.ones(len(found), np.bool_),
+            np.ones(len(candidates), np.bool_),
         )
         yield block.spec, (e for e in accepted_events(block) if isinstance(e, Pick))
 
@@ -408,10 +409,10 @@ class StepChain:
 
     def within(self, start_ns: int, end_ns: int) -> StepChain:
         """Return a chain that decides only about candidates with start <= time <= end."""
-        found = copy.copy(self)
-        found.links = [ChainStage(link.stage, link.kind, self._axes) for link in self.links]
-        found.links[0].load([sieve.within(start_ns, end_ns) for sieve in self.links[0].sieves])
-        return found
+        chain = copy.copy(self)
+        chain.links = [ChainStage(link.stage, link.kind, self._axes) for link in self.links]
+        chain.links[0].load([sieve.within(start_ns, end_ns) for sieve in self.links[0].sieves])
+        return chain
 
     @property
     def associates(self) -> bool:
@@ -424,12 +425,12 @@ class StepChain:
         ranks = []
         for i in keys:
             column = [row[i] for row in rows]
-            known = {value: rank for rank, value in enumerate(sorted(set(column)))}
-            ranks.append([known[value] for value in column])
+            rank_of = {value: rank for rank, value in enumerate(sorted(set(column)))}
+            ranks.append([rank_of[value] for value in column])
         if not ranks:
             return list(range(len(rows)))
-        found: list[int] = np.lexsort(ranks[::-1]).tolist()
-        return found
+        row_order: list[int] = np.lexsort(ranks[::-1]).tolist()
+        return row_order
 
     def step_times(self, setting: Sequence[Any]) -> NDArray[np.int64]:
         """Return the times of what is counted under a setting [ns]."""
@@ -511,9 +512,9 @@ class ParameterTrials:
 
     def within(self, start_ns: int, end_ns: int) -> ParameterTrials:
         """Return the tries of candidates with start <= time <= end."""
-        found = copy.copy(self)
-        found._chain = self._chain.within(start_ns, end_ns)
-        return found
+        trials = copy.copy(self)
+        trials._chain = self._chain.within(start_ns, end_ns)
+        return trials
 
     def passed(self, settings: Settings) -> list[Passed]:
         """Return the steps with some parameters changed, topic by topic.
@@ -647,7 +648,7 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
     return Axis(key, parameter, info.unit if info else "", values, span, remeasure)
 
 
-def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
+def _range(text: str, full_text: str, info: ParameterInfo | None) -> list[Any]:
     """Return evenly spaced numbers, both ends among them; whole ones for a whole parameter."""
     try:
         low, high, count = (float(part) for part in text.split(":"))
@@ -656,10 +657,10 @@ def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
     if not (math.isfinite(low + high) and count >= 2 and count == int(count) and low < high):
         raise SettingError(
             f"--grid: expected FROM:TO:COUNT with FROM < TO and a COUNT of 2 or more, "
-            f"found {whole!r}"
+            f"found {full_text!r}"
         )
     if count > MOST:
-        raise SettingError(f"--grid: expected at most {MOST} values, found {whole!r}")
+        raise SettingError(f"--grid: expected at most {MOST} values, found {full_text!r}")
     values = np.linspace(low, high, int(count)).tolist()
     if info is not None and type(info.default) is int:
         return [round(v) for v in values]

@@ -91,20 +91,20 @@ class Located:
     @property
     def xy(self) -> Array:
         """Shape (m, 2): places, decided or not [m]; NaN where there are too few arrivals."""
-        found: Array = self._columns("x", "y")
-        return found
+        places: Array = self._columns("x", "y")
+        return places
 
     @property
     def sigma_m(self) -> Array:
         """Shape (m,): how sure each place is, as the localizer says [m]."""
-        found: Array = self._columns("sigma")[:, 0]
-        return found
+        sigmas_m: Array = self._columns("sigma")[:, 0]
+        return sigmas_m
 
     @property
     def residual(self) -> Array:
         """Shape (m,): what each place leaves unexplained, in the localizer's unit."""
-        found: Array = self._columns("residual")[:, 0]
-        return found
+        residuals: Array = self._columns("residual")[:, 0]
+        return residuals
 
     def _columns(self, *wanted: str) -> Array:
         names = [column.name for column in self.block.spec.columns]
@@ -165,12 +165,14 @@ class Relocator:
 
     def _decided(self, worker: Any, parameters: Any, arrivals: Arrivals) -> Located:
         steps = zip(arrivals.step_ns.tolist(), arrivals.times_s, strict=True)
-        found = [worker.place(time_ns, times) for time_ns, times in steps]
-        rows = [place_candidate(int(t), f) for t, f in zip(arrivals.step_ns, found, strict=True)]
+        locations = [worker.place(time_ns, times) for time_ns, times in steps]
+        rows = [
+            place_candidate(int(t), f) for t, f in zip(arrivals.step_ns, locations, strict=True)
+        ]
         none = Candidates.empty(len(worker.columns))
         candidates = Candidates.concatenate([none, *rows])
         block, _ = decided_block(self.part.spec, candidates, worker, parameters)
-        return Located(block, np.array([f.ties for f in found], np.int64))
+        return Located(block, np.array([f.ties for f in locations], np.int64))
 
     def locate_row(self, row: int, times_s: Array, positions: Array | None = None) -> Located:
         """Locate one step from other arrivals, after the steps before it as they are.
@@ -244,8 +246,8 @@ class Relocator:
             first_arrivals(ordered[a:b], self.channels, int(t), window_s, ahead)
             for a, b, t in zip(first, last, step_ns, strict=True)
         ]
-        found = np.array(rows, np.float64).reshape(len(step_ns), len(self.channels))
-        return Arrivals(step_ns, found)
+        times_s = np.array(rows, np.float64).reshape(len(step_ns), len(self.channels))
+        return Arrivals(step_ns, times_s)
 
     def _worker(self, positions: Array, parameters: Any) -> Any:
         outline = np.array(self.geometry.outline, np.float64)
@@ -292,8 +294,8 @@ class Reference:
     def rmse_m(self, located: Located) -> float:
         """Return the root mean square of the errors of accepted places [m]; NaN without any."""
         errors = self.errors_m(located)[located.block.accepted]
-        known = errors[np.isfinite(errors)]
-        return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+        finite = errors[np.isfinite(errors)]
+        return float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan")
 
 
 def reference_of(evidence: Evidence, located: Located) -> Reference:
@@ -328,25 +330,25 @@ def true_at(truth: Places, time_ns: NDArray[np.int64], xy: Array, tolerance_s: f
         for t, (x, y) in zip(time_ns, somewhere, strict=True)
     ]
     pairs = match_places(truth, found_places(found_at), tolerance_s)
-    found = np.full((len(time_ns), 2), np.nan)
-    found[pairs[:, 1]] = truth.xy[pairs[:, 0]]
-    return found
+    true_xy = np.full((len(time_ns), 2), np.nan)
+    true_xy[pairs[:, 1]] = truth.xy[pairs[:, 0]]
+    return true_xy
 
 
 def tracked_at(track: Sequence[TrackPoint], time_ns: NDArray[np.int64], xy: Array) -> Array:
     """Return where the nearest track is at each step, shape (m, 2) [m]; NaN far from any."""
-    found = np.full((len(time_ns), 2), np.nan)
+    track_xy = np.full((len(time_ns), 2), np.nan)
     nearest = np.full(len(time_ns), np.inf)
     for number in sorted({point.track for point in track}):
-        own = sorted((p.time_ns, p.x_m, p.y_m) for p in track if p.track == number)
-        times = np.array([row[0] for row in own], np.int64)
-        places = np.array([row[1:] for row in own], np.float64)
+        points = sorted((p.time_ns, p.x_m, p.y_m) for p in track if p.track == number)
+        times = np.array([row[0] for row in points], np.int64)
+        places = np.array([row[1:] for row in points], np.float64)
         there = np.column_stack([np.interp(time_ns, times, places[:, k]) for k in (0, 1)])
         away_s = np.abs(time_ns[:, None] - times).min(axis=1) / NS_PER_S
         apart = np.nan_to_num(np.hypot(*(xy - there).T), nan=0.0)
         better = (away_s <= REACH_S) & (apart < nearest)
-        found[better], nearest[better] = there[better], apart[better]
-    return found
+        track_xy[better], nearest[better] = there[better], apart[better]
+    return track_xy
 
 
 def true_pick_errors(evidence: Evidence, relocator: Relocator) -> Array:
@@ -356,23 +358,23 @@ def true_pick_errors(evidence: Evidence, relocator: Relocator) -> Array:
     disperse, which come after the first ones by more, the farther they went.
     """
     step_ns, times_s = relocator.arrivals.step_ns, relocator.arrivals.times_s
-    found = np.full(times_s.shape, np.nan)
+    errors_s = np.full(times_s.shape, np.nan)
     if relocator.correlated:
-        return found
+        return errors_s
     for channel, name in enumerate(relocator.names):
         truth = np.sort(
             [x.time_ns for x in evidence.labels if (x.kind, x.channel) == ("pick", name)]
         )
         if not len(truth):
             continue
-        heard = np.flatnonzero(np.isfinite(times_s[:, channel]))
-        picked = step_ns[heard] + np.rint(times_s[heard, channel] * NS_PER_S).astype(np.int64)
+        rows = np.flatnonzero(np.isfinite(times_s[:, channel]))
+        picked = step_ns[rows] + np.rint(times_s[rows, channel] * NS_PER_S).astype(np.int64)
         after = np.clip(np.searchsorted(truth, picked), 1, max(len(truth) - 1, 1))
         near = [truth[np.minimum(k, len(truth) - 1)] for k in (after - 1, after)]
         off = np.stack([picked - t for t in near]) / NS_PER_S
         least = np.take_along_axis(off, np.abs(off).argmin(axis=0)[None], axis=0)[0]
-        found[heard, channel] = np.where(np.abs(least) <= ANSWER_S, least, np.nan)
-    return found
+        errors_s[rows, channel] = np.where(np.abs(least) <= ANSWER_S, least, np.nan)
+    return errors_s
 
 
 #: Exponents of distance that are tried. Source: a constant velocity, the thesis's plate (4.24), and
@@ -404,19 +406,19 @@ class Curve:
     origin_s: Array
     noise_s: float
 
-    def misfit_s(self, sources: Array, place: Array, times_s: Array) -> Array:
+    def misfit_s(self, sources: Array, position: Array, times_s: Array) -> Array:
         """Return by how much arrivals at one sensor come after the curve, shape (m,) [s].
 
         Parameters
         ----------
         sources
             Shape (m, 2): places of the steps [m].
-        place
+        position
             Shape (2,): the sensor's [m].
         times_s
             Shape (m,): arrivals there [s]; NaN where there is none.
         """
-        apart = np.hypot(*(sources - place).T)
+        apart = np.hypot(*(sources - position).T)
         late: Array = times_s - self.origin_s - self.slope * apart**self.exponent
         return late
 
@@ -434,30 +436,30 @@ def fit_curve(sources: Array, positions: Array, times_s: Array) -> Curve | None:
         Shape (m, n): arrivals [s]; NaN where there is none.
     """
     apart = distances(sources, positions)
-    known = np.isfinite(times_s) & np.isfinite(apart)
-    if known.sum() < 2 * len(positions):
+    valid = np.isfinite(times_s) & np.isfinite(apart)
+    if valid.sum() < 2 * len(positions):
         return None
-    curves = [_fitted(apart, times_s, known, exponent) for exponent in EXPONENTS]
+    curves = [_fitted(apart, times_s, valid, exponent) for exponent in EXPONENTS]
     good = [curve for curve in curves if curve.slope > 0]
     return min(good, key=lambda curve: curve.noise_s, default=None)
 
 
-def _fitted(apart: Array, times_s: Array, known: NDArray[np.bool_], exponent: float) -> Curve:
+def _fitted(apart: Array, times_s: Array, valid: NDArray[np.bool_], exponent: float) -> Curve:
     """Fit by reweighting: residuals beyond :data:`HUBER` standard deviations count linearly."""
-    u = np.where(known, apart, 0.0) ** exponent
-    t = np.where(known, times_s, 0.0)
-    weight = known.astype(np.float64)
+    u = np.where(valid, apart, 0.0) ** exponent
+    t = np.where(valid, times_s, 0.0)
+    weight = valid.astype(np.float64)
     for _ in range(PASSES):
-        whole = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
-        u_off = u - (weight * u).sum(axis=1, keepdims=True) / whole
-        t_off = t - (weight * t).sum(axis=1, keepdims=True) / whole
+        total_weight = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
+        u_off = u - (weight * u).sum(axis=1, keepdims=True) / total_weight
+        t_off = t - (weight * t).sum(axis=1, keepdims=True) / total_weight
         slope = float((weight * u_off * t_off).sum() / max((weight * u_off**2).sum(), 1e-12))
         left = t_off - slope * u_off
-        noise_s = max(MAD_SIGMA * float(np.median(np.abs(left[known]))), LEAST_NOISE_S)
+        noise_s = max(MAD_SIGMA * float(np.median(np.abs(left[valid]))), LEAST_NOISE_S)
         bound = HUBER * noise_s
-        weight = known * np.minimum(1.0, bound / np.maximum(np.abs(left), bound))
-    heard = known.any(axis=1)
-    origin = np.where(heard, (t - slope * u - left)[:, 0], np.nan)
+        weight = valid * np.minimum(1.0, bound / np.maximum(np.abs(left), bound))
+    received = valid.any(axis=1)
+    origin = np.where(received, (t - slope * u - left)[:, 0], np.nan)
     return Curve(exponent, slope, origin, noise_s)
 
 
@@ -467,9 +469,9 @@ def blind_sources(positions: Array, arrivals: Arrivals, outline: Array | None) -
     By :mod:`~.localizers.tdoa`, which needs no calibration; with no more arrivals
     than it has unknowns there is no telling an arrival that is off.
     """
-    found = np.full((len(arrivals.step_ns), 2), np.nan)
+    sources = np.full((len(arrivals.step_ns), 2), np.nan)
     for row, times in enumerate(arrivals.times_s):
         if np.isfinite(times).sum() > tdoa.POWER_LAW_UNKNOWNS:
             location = tdoa.locate_power_law(positions, times, outline)
-            found[row] = location.x, location.y
-    return found
+            sources[row] = location.x, location.y
+    return sources

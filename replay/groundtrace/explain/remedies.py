@@ -202,9 +202,11 @@ class RemedySearch:
             another detection beside it would mend nothing.
         """
 
-        def works(true: TrueSteps, found: Verdicts) -> bool:
+        def works(true: TrueSteps, verdicts: Verdicts) -> bool:
             at = int(true.truth_ns.searchsorted(truth_ns))
-            return bool(found.hit[at]) and (found_ns is None or found_ns not in found.false_ns)
+            return bool(verdicts.hit[at]) and (
+                found_ns is None or found_ns not in verdicts.false_ns
+            )
 
         return self._mended(truth_ns, works)
 
@@ -221,8 +223,8 @@ class RemedySearch:
 
         others = false_near(self.matching.found_ns[self.matching.false]) - {found_ns}
 
-        def works(_: TrueSteps, found: Verdicts) -> bool:
-            return false_near(found.false_ns) <= others
+        def works(_: TrueSteps, verdicts: Verdicts) -> bool:
+            return false_near(verdicts.false_ns) <= others
 
         return self._mended(found_ns, works)
 
@@ -237,8 +239,8 @@ class RemedySearch:
         if best is None:
             pairs = [*self._exact_pairs(self._tries, near, time_ns, works)]
             table = self._first(self._pair_table(self._tries), works)
-            found = pairs if table is None else [*pairs, table]
-            best = min(found, key=_wrong_then_size, default=None)
+            trials = pairs if table is None else [*pairs, table]
+            best = min(trials, key=_wrong_then_size, default=None)
         return None if best is None else Remedy(best.changes, self.before, _counts(best.found))
 
     def _nearby(
@@ -296,7 +298,9 @@ class RemedySearch:
         if self._singles is None:
             proposals = list(self._far_proposals())
             most = self._most(len(proposals))
-            tried = [(c,) for kept in proposals for c in _spread(kept, min(most, FAR_TRIES))]
+            tried = [
+                (c,) for proposal in proposals for c in _spread(proposal, min(most, FAR_TRIES))
+            ]
             self._singles = sorted(self._harmless_of(tries, tried), key=_size)
         return self._singles
 
@@ -306,8 +310,8 @@ class RemedySearch:
             sides = self._sides()
             most = math.isqrt(self._most(math.comb(len(sides), 2)))
             most = max(min(most, PAIR_TRIES), LEAST_TRIES)
-            kept = [_of_both(opened, shut, most) for opened, shut in sides]
-            tried = [both for a, b in combinations(kept, 2) for both in product(a, b)]
+            side_changes = [_of_both(opened, shut, most) for opened, shut in sides]
+            tried = [both for a, b in combinations(side_changes, 2) for both in product(a, b)]
             self._pairs = sorted(self._harmless_of(tries, tried), key=_wrong_then_size)
         return self._pairs
 
@@ -319,8 +323,8 @@ class RemedySearch:
     def _harmless_of(self, tries: ParameterTrials, tried: Sequence[Changes]) -> Iterator[_Trial]:
         """Try changes on the whole recording, in the order that is fastest."""
         for index in tries.order([_settings(changes) for changes in tried]):
-            found = _judged(tries, self._truth, tried[index])
-            trial = None if found is None else _Trial(tried[index], found)
+            verdicts = _judged(tries, self._truth, tried[index])
+            trial = None if verdicts is None else _Trial(tried[index], verdicts)
             if trial is not None and self._harmless(trial):
                 yield trial
 
@@ -339,8 +343,8 @@ class RemedySearch:
         if changes not in self._tried:
             if len(self._tried) >= REMEMBERED:
                 self._tried.clear()
-            found = _judged(tries, self._truth, changes)
-            self._tried[changes] = None if found is None else _Trial(changes, found)
+            verdicts = _judged(tries, self._truth, changes)
+            self._tried[changes] = None if verdicts is None else _Trial(changes, verdicts)
         return self._tried[changes]
 
     def _parts(self) -> Iterator[StageEvidence]:
@@ -363,10 +367,10 @@ class RemedySearch:
         """Yield the same from all candidates: a chain of refractory times reaches far."""
         for part in self._parts():
             for index, gate in enumerate(part.spec.gates):
-                found = part.gate_value[:, index].astype(np.float64)
+                measured = part.gate_value[:, index].astype(np.float64)
                 if gate.name == "refractory":
-                    found = np.concatenate([found, _spacings(part.candidates.time_ns)])
-                changes = self._changes(part, index, found)
+                    measured = np.concatenate([measured, _spacings(part.candidates.time_ns)])
+                changes = self._changes(part, index, measured)
                 if changes:
                     yield changes
 
@@ -414,11 +418,11 @@ class RemedySearch:
                 both[1].update((*shut, *powers))
         return [(_by_size(opened), _by_size(shut)) for opened, shut in sides.values()]
 
-    def _changes(self, part: StageEvidence, index: int, found: NDArray[np.floating]) -> Proposal:
+    def _changes(self, part: StageEvidence, index: int, measured: NDArray[np.floating]) -> Proposal:
         """Return changes of one gate's parameter beside values that it looked at."""
         stage, gate = part.spec.stage, part.spec.gates[index]
-        whole = gate.parameter in self.redecider.whole_numbers(stage)
-        values = thresholds(gate, np.unique(found.astype(np.float64)), whole=whole)
+        is_integer = gate.parameter in self.redecider.whole_numbers(stage)
+        values = thresholds(gate, np.unique(measured.astype(np.float64)), is_integer=is_integer)
         return [Change(stage, gate.parameter, gate.threshold, value) for value in values]
 
 
@@ -452,11 +456,13 @@ def _powers_of_two(count: int) -> list[int]:
     return [2**k - 1 for k in range(count.bit_length())]
 
 
-def _spread(kept: Sequence[Change], most: int) -> list[Change]:
+def _spread(changes: Sequence[Change], most: int) -> list[Change]:
     """Return at most so many of the changes, the first and the last among them."""
-    if len(kept) <= most:
-        return list(kept)
-    return [kept[i] for i in np.unique(np.linspace(0, len(kept) - 1, most).round().astype(int))]
+    if len(changes) <= most:
+        return list(changes)
+    return [
+        changes[i] for i in np.unique(np.linspace(0, len(changes) - 1, most).round().astype(int))
+    ]
 
 
 def _of_both(opened: Sequence[Change], shut: Sequence[Change], most: int) -> list[Change]:
@@ -474,13 +480,13 @@ def _judged(tries: ParameterTrials, truth: StepTruth, changes: Changes) -> Verdi
         return None
 
 
-def _helps(works: Works, truth: StepTruth, found: Verdicts | None) -> bool:
-    return found is not None and works(truth.steps, found)
+def _helps(works: Works, truth: StepTruth, verdicts: Verdicts | None) -> bool:
+    return verdicts is not None and works(truth.steps, verdicts)
 
 
-def _counts(found: Verdicts) -> Counts:
-    right = int(found.hit.sum())
-    return Counts(right, len(found.false_ns), len(found.hit) - right)
+def _counts(verdicts: Verdicts) -> Counts:
+    right = int(verdicts.hit.sum())
+    return Counts(right, len(verdicts.false_ns), len(verdicts.hit) - right)
 
 
 def _spacings(time_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -491,35 +497,35 @@ def _spacings(time_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     return spacings
 
 
-def thresholds(gate: GateSpec, found: NDArray[np.float64], *, whole: bool) -> list[float]:
+def thresholds(gate: GateSpec, measured: NDArray[np.float64], *, is_integer: bool) -> list[float]:
     """Return thresholds that just let in, or just shut out, candidates; the nearest first.
 
     Parameters
     ----------
     gate
         As it stood.
-    found
+    measured
         Shape (n,): what it looked at, of the candidates.
-    whole
+    is_integer
         Whether its parameter is an integer.
     """
     values: set[float] = set()
-    for value in found[np.isfinite(found)].tolist():
+    for value in measured[np.isfinite(measured)].tolist():
         margin = value - gate.threshold if gate.at_least else gate.threshold - value
         passing = margin >= 0
         up = passing == gate.at_least  # to shut out, above the value; to let in, at or below it
-        values |= _beside(value, up=up, strict=passing, whole=whole)
-    kept = [v for v in values if v >= 0 and v != gate.threshold]
-    return sorted(kept, key=lambda v: abs(v - gate.threshold))
+        values |= _beside(value, up=up, strict=passing, is_integer=is_integer)
+    levels = [v for v in values if v >= 0 and v != gate.threshold]
+    return sorted(levels, key=lambda v: abs(v - gate.threshold))
 
 
-def _beside(value: float, *, up: bool, strict: bool, whole: bool) -> set[float]:
+def _beside(value: float, *, up: bool, strict: bool, is_integer: bool) -> set[float]:
     """Return short numbers at or beside ``value``, above it or below it.
 
     Two of them, since the stored value is rounded and the nearest may just fail.
     """
     sign = 1 if up else -1
-    if whole:
+    if is_integer:
         return {int(value) + sign * strict}
     digits = DIGITS - 1 - math.floor(math.log10(abs(value))) if value else DIGITS
     units = value * 10.0**digits

@@ -102,8 +102,8 @@ class Fault:
     def alike(self) -> str:
         """That the two causes explain the arrivals alike, by how much."""
         gains = (self.gain, self.rival_gain)
-        clock, place = gains if self.cause == "clock" else gains[::-1]
-        return f"its clock explains them better by {clock:.0f}, its place by {place:.0f} (BIC)"
+        clock, position = gains if self.cause == "clock" else gains[::-1]
+        return f"its clock explains them better by {clock:.0f}, its place by {position:.0f} (BIC)"
 
     def without_fault(self, arrivals: Arrivals, positions: Array) -> tuple[Arrivals, Array]:
         """Return the arrivals that places are made of, and sensors' places, without the fault.
@@ -125,13 +125,13 @@ def faults(relocator: Relocator, reference: Reference) -> tuple[Fault, ...]:
     rows = np.unique(np.linspace(0, len(reference.xy) - 1, SAMPLE).round().astype(int))
     if len(reference.xy) < LEAST_STEPS:
         return ()
-    known = reference.xy[rows] if reference.kind == "truth" else None
+    true_xy = reference.xy[rows] if reference.kind == "truth" else None
     onsets, arrivals = (
         Arrivals(stored.step_ns[rows], stored.times_s[rows])
         for stored in (relocator.onsets, relocator.arrivals)
     )
     outline = np.array(relocator.geometry.outline, np.float64)
-    judge = Judge(known, outline if len(outline) else None)
+    judge = Judge(true_xy, outline if len(outline) else None)
     correlated = relocator.correlated
     return found_faults(judge, onsets, arrivals, relocator.positions, correlated=correlated)
 
@@ -174,14 +174,14 @@ def _followed(
     correlated: bool,
 ) -> tuple[Fault, ...]:
     """Return a fault and those that are found when it is mended, the worst first."""
-    found: list[Fault] = []
+    fault_chain: list[Fault] = []
     while True:
-        found.append(judge.with_residual(fault, arrivals, positions) if correlated else fault)
+        fault_chain.append(judge.with_residual(fault, arrivals, positions) if correlated else fault)
         onsets = onsets.shifted(fault.channel, -fault.offset_s)
-        arrivals, positions = found[-1].without_fault(arrivals, positions)
+        arrivals, positions = fault_chain[-1].without_fault(arrivals, positions)
         worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
-        if worst is None or len(found) == MOST_FAULTS:
-            return tuple(found)
+        if worst is None or len(fault_chain) == MOST_FAULTS:
+            return tuple(fault_chain)
         fault = worst[1]
 
 
@@ -206,8 +206,8 @@ def _least_left(
     if len(blamed) >= len(positions) - tdoa.POWER_LAW_UNKNOWNS:
         return ()
     for other, (other_cost, _) in zip(sets, left, strict=True):
-        alike = 2 * (other_cost - cost) / noise_s < STRONG
-        if alike and {fault.channel for fault in other} != blamed:
+        is_equal = 2 * (other_cost - cost) / noise_s < STRONG
+        if is_equal and {fault.channel for fault in other} != blamed:
             return ()
     return sets[best]
 
@@ -261,8 +261,8 @@ class Judge:
         if curve is None:
             return float("inf"), LEAST_NOISE_S
         off = [
-            curve.misfit_s(sources, place, arrivals.times_s[:, c])
-            for c, place in enumerate(positions)
+            curve.misfit_s(sources, position, arrivals.times_s[:, c])
+            for c, position in enumerate(positions)
         ]
         return float(np.nansum(np.abs(off))), curve.noise_s
 
@@ -275,10 +275,10 @@ class Judge:
         curve = fit_curve(sources, positions, others.times_s)
         if curve is None:
             return fault
-        own = arrivals.times_s[:, fault.channel]
-        late = curve.misfit_s(sources, positions[fault.channel], own)
-        known = late[np.isfinite(late)]
-        return replace(fault, felt_s=float(np.median(known))) if len(known) else fault
+        times_s = arrivals.times_s[:, fault.channel]
+        late = curve.misfit_s(sources, positions[fault.channel], times_s)
+        finite = late[np.isfinite(late)]
+        return replace(fault, felt_s=float(np.median(finite))) if len(finite) else fault
 
     def _suspects(self, arrivals: Arrivals, positions: Array) -> list[int]:
         """Return the channels that are farthest off when all are taken for right.
@@ -290,17 +290,17 @@ class Judge:
         if curve is None:
             return np.flatnonzero(np.isfinite(arrivals.times_s).any(axis=0)).tolist()
         off = {
-            c: scale(curve.misfit_s(sources, place, arrivals.times_s[:, c]))
-            for c, place in enumerate(positions)
+            c: scale(curve.misfit_s(sources, position, arrivals.times_s[:, c]))
+            for c, position in enumerate(positions)
         }
-        heard = [c for c in off if np.isfinite(off[c])]
-        return sorted(heard, key=lambda c: -off[c])[:SUSPECTS]
+        channels = [c for c in off if np.isfinite(off[c])]
+        return sorted(channels, key=lambda c: -off[c])[:SUSPECTS]
 
 
 def scale(misfit_s: Array) -> float:
     """Return the median size of misfits [s]; NaN where there is none."""
-    known = misfit_s[np.isfinite(misfit_s)]
-    return float(np.median(np.abs(known))) if len(known) else float("nan")
+    finite = misfit_s[np.isfinite(misfit_s)]
+    return float(np.median(np.abs(finite))) if len(finite) else float("nan")
 
 
 def _explained(
@@ -312,29 +312,29 @@ def _explained(
     bounds: Array,
 ) -> tuple[float, Fault] | None:
     """Return what a channel's fault gains and the fault; None where it has none."""
-    times, place = arrivals.times_s[:, channel], positions[channel]
-    off = curve.misfit_s(sources, place, times)
-    kept = np.isfinite(off)
-    count = int(kept.sum())
+    times, position = arrivals.times_s[:, channel], positions[channel]
+    off = curve.misfit_s(sources, position, times)
+    valid = np.isfinite(off)
+    count = int(valid.sum())
     if count < LEAST_STEPS:
         return None
-    offset_s = float(np.median(off[kept]))
+    offset_s = float(np.median(off[valid]))
     there = _better_place(curve, sources, bounds, times)
     moved = curve.misfit_s(sources, there, times)
-    costs = np.array([_cost(x[kept], curve.noise_s) for x in (off, off - offset_s, moved)])
+    costs = np.array([_cost(x[valid], curve.noise_s) for x in (off, off - offset_s, moved)])
     gains = 2 * (costs[0] - costs[1:]) - np.array([1, 2]) * np.log(count)
     which = int(np.argmax(gains))
     large = (
         abs(offset_s) > LEAST_OFFSET * curve.noise_s
         if which == 0
-        else float(np.hypot(*(there - place))) > LEAST_SHIFT_M
+        else float(np.hypot(*(there - position))) > LEAST_SHIFT_M
     )
     if not large or gains[which] < LEAST_GAIN or costs[1 + which] > LEAST_PART * costs[0]:
         return None
     gain, rival = float(gains[which]), float(gains[1 - which])
     before_s, after_s = scale(off), scale((off - offset_s, moved)[which])
     fault = (
-        Fault(channel, "clock", count, offset_s, offset_s, place, before_s, after_s, gain, rival)
+        Fault(channel, "clock", count, offset_s, offset_s, position, before_s, after_s, gain, rival)
         if which == 0
         else Fault(channel, "position", count, 0.0, 0.0, there, before_s, after_s, gain, rival)
     )
@@ -349,8 +349,8 @@ def _cost(off_s: Array, noise_s: float) -> float:
 
 def _better_place(curve: Curve, sources: Array, bounds: Array, times_s: Array) -> Array:
     """Return the place of a sensor that fits its arrivals best, shape (2,) [m]."""
-    kept = np.isfinite(times_s) & np.isfinite(sources).all(axis=1) & np.isfinite(curve.origin_s)
-    t, here = (times_s - curve.origin_s)[kept], sources[kept]
+    valid = np.isfinite(times_s) & np.isfinite(sources).all(axis=1) & np.isfinite(curve.origin_s)
+    t, here = (times_s - curve.origin_s)[valid], sources[valid]
     low, high = bounds
     centre, half = (low + high) / 2, (high - low) / 2
     for _ in range(1 + REFINEMENTS):

@@ -75,11 +75,11 @@ def prepared(config: PipelineConfig, recording: Recording) -> Prepared:
     # what is wrong with the pipeline itself is said first
     build_pipeline(config, recording.geometry, recording.labels)
     refuse_unsuitable(config, recording.streams, recording.geometry, recording.name)
-    placed, told, looked_at = with_placements(config, recording)
-    told += _worn_elsewhere(config, recording)
+    placed, lines, looked_at = with_placements(config, recording)
+    lines += _worn_elsewhere(config, recording)
     chain = build_pipeline(placed, recording.geometry, recording.labels)
     texts = [(GEOMETRY, text) for text in geometry_warnings(recording.geometry, recording.streams)]
-    texts += [(PLACEMENT, text) for text in told]
+    texts += [(PLACEMENT, text) for text in lines]
     texts += [(RECORDING, text) for text in recording.assumed]
     notes = tuple(Note(recording.start_ns, text, "WARN", source) for source, text in texts)
     return Prepared(chain, config, notes, looked_at)
@@ -95,13 +95,13 @@ def refuse_unsuitable(
     PipelineError
         Naming what it needs, what there is, and the shipped pipelines that fit.
     """
-    lacking = _unmet(config, streams, geometry)
+    missing = _unmet(config, streams, geometry)
     wanted = _wanted(config)
-    if not lacking and (not wanted or any(_heard(each, streams) for each in wanted)):
+    if not missing and (not wanted or any(_heard(each, streams) for each in wanted)):
         return
     fitting = ", ".join(fitting_pipelines(streams, geometry)) or SIGNALS
     raise PipelineError(
-        f"{config.name} needs {lacking or ' or '.join(_words(wanted))}; "
+        f"{config.name} needs {missing or ' or '.join(_words(wanted))}; "
         f"{name} has {_what_there_is(streams, geometry)}. Fitting: {fitting}."
     )
 
@@ -123,7 +123,7 @@ def _unmet(config: PipelineConfig, streams: Sequence[Stream], geometry: Geometry
     """Return what of a pipeline's ``needs`` is not there, in words; nothing where all is."""
     needs = config.needs
     worn = [s.placement for s in streams if needs.placement and _taken_in(config, s)]
-    if worn and not any(needs.placement in (place or needs.placement) for place in worn):
+    if worn and not any(needs.placement in (placement or needs.placement) for placement in worn):
         return f"a sensor on the {needs.placement}"
     channels, placed = _seismic(streams, geometry)
     if (placed if needs.positions else channels) >= needs.seismic_channels:
@@ -148,13 +148,13 @@ def _seismic(streams: Sequence[Stream], geometry: Geometry | None) -> tuple[int,
 def _what_there_is(streams: Sequence[Stream], geometry: Geometry | None) -> str:
     """Return the quantities of a recording in words, and where its sensors are."""
     quantities = dict.fromkeys(c.quantity for s in streams for c in s.channels)
-    found = [each.replace("_", " ") for each in quantities if each not in SEISMIC_QUANTITIES]
+    phrases = [each.replace("_", " ") for each in quantities if each not in SEISMIC_QUANTITIES]
     channels, placed = _seismic(streams, geometry)
     if channels:
         plural = "" if channels == 1 else "s"
-        found.append(f"{channels} seismic channel{plural}, {placed or 'none'} with positions")
+        phrases.append(f"{channels} seismic channel{plural}, {placed or 'none'} with positions")
     worn = " and ".join(dict.fromkeys(s.placement for s in streams if s.placement))
-    return (", ".join(found) or "no signals") + (f" (worn: {worn})" if worn else "")
+    return (", ".join(phrases) or "no signals") + (f" (worn: {worn})" if worn else "")
 
 
 #: What one stage wants: the stage, and sets of quantities of each of which it needs one.
@@ -163,13 +163,13 @@ _Wanted = tuple[StageConfig, tuple[frozenset[str], ...]]
 
 def _wanted(config: PipelineConfig) -> list[_Wanted]:
     """Return what those stages want that hear signals."""
-    found: list[_Wanted] = []
+    wanted: list[_Wanted] = []
     for stage in config.stage:
         kind = stage_named(stage.use)
         quantities = _quantities(kind)
         if quantities:
-            found.append((stage, quantities))
-    return found
+            wanted.append((stage, quantities))
+    return wanted
 
 
 def _quantities(kind: type[Stage]) -> tuple[frozenset[str], ...]:
@@ -180,17 +180,17 @@ def _quantities(kind: type[Stage]) -> tuple[frozenset[str], ...]:
 
 def _heard(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
     stage, quantities = wanted
-    heard = [s for s in streams if allows(stage.topics, s.topic)]
-    return all(any(s.columns_of(each) for s in heard) for each in quantities)
+    stage_streams = [s for s in streams if allows(stage.topics, s.topic)]
+    return all(any(s.columns_of(each) for s in stage_streams) for each in quantities)
 
 
 def _words(wanted: Iterable[_Wanted]) -> list[str]:
     """Return what stages want in words, each once."""
-    told = []
+    phrases = []
     for stage, quantities in wanted:
         text = " and ".join(_plain(each) for each in quantities)
-        told.append(text + (f" on {' or '.join(stage.topics)}" if stage.topics else ""))
-    return list(dict.fromkeys(told))
+        phrases.append(text + (f" on {' or '.join(stage.topics)}" if stage.topics else ""))
+    return list(dict.fromkeys(phrases))
 
 
 def _plain(quantities: frozenset[str]) -> str:
@@ -222,35 +222,35 @@ def with_placements(
     fresh = [topic for topic in unstated if topic not in config.placements]
     guesses = _guesses(recording, fresh)
     placements = dict(config.placements)
-    told = []
+    lines = []
     for topic, key in unstated.items():
         if topic in guesses:
             placements[topic], text = _taken(guesses[topic])
         else:
-            said = placements[topic]
-            text = f"taken for {said} as the pipeline says" if said else "nor does the pipeline"
-        told.append(
+            stated = placements[topic]
+            text = f"taken for {stated} as the pipeline says" if stated else "nor does the pipeline"
+        lines.append(
             f"placement of {topic} not stated: {text}; --set {key}.placement=PLACE or placement in "
             f"the map states it"
         )
-    return replace(config, placements=placements), told, tuple(unstated)
+    return replace(config, placements=placements), lines, tuple(unstated)
 
 
 def _worn_elsewhere(config: PipelineConfig, recording: Readable) -> list[str]:
     """Return a line for each sensor that nobody states, unless it is surely worn as is needed."""
-    place = config.needs.placement
-    streams = recording.streams if place else ()
+    placement = config.needs.placement
+    streams = recording.streams if placement else ()
     unstated = [s.topic for s in streams if not s.placement and _taken_in(config, s)]
-    told = []
+    lines = []
     for topic, guess in _guesses(recording, unstated).items():
         taken, words = _taken(guess)
-        if taken != place:
+        if taken != placement:
             words = words.removesuffix(_DEFAULT)
-            told.append(
+            lines.append(
                 f"placement of {topic} not stated: {words}; {config.name} is for a sensor on the "
-                f"{place}: its results may be wrong; placement in the map states it"
+                f"{placement}: its results may be wrong; placement in the map states it"
             )
-    return told
+    return lines
 
 
 def _asks(stage: StageConfig) -> bool:

@@ -128,8 +128,8 @@ class Counted:
 
 def f1_of(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the F1 of counts (right, false, missed) along the last axis; 0 of nothing."""
-    whole: NDArray[np.int64] = counts @ np.array([2, 1, 1])
-    f1: NDArray[np.float64] = 2 * counts[..., 0] / np.maximum(whole, 1)
+    denominator: NDArray[np.int64] = counts @ np.array([2, 1, 1])
+    f1: NDArray[np.float64] = 2 * counts[..., 0] / np.maximum(denominator, 1)
     return f1
 
 
@@ -174,8 +174,8 @@ def count(
         counts[recording, places[group]] = one.counts
     now = np.array([j.counts[0] for j in _as_it_stands(subjects, tolerance_s)])
     rate = _rate(judged, len(grid), sum(s.recorded_s for s in subjects))
-    kept = _by_place(judged, places)
-    return Counted(tuple(subjects), grid, tolerance_s, counts, now, kept, rate)
+    verdicts_by_row = _by_place(judged, places)
+    return Counted(tuple(subjects), grid, tolerance_s, counts, now, verdicts_by_row, rate)
 
 
 def _by_place(judged: Sequence[Judged], places: list[list[int]]) -> dict[tuple[int, int], Verdicts]:
@@ -197,9 +197,9 @@ def verdicts(counted: Counted, rows: Sequence[int], jobs: int = 1) -> list[list[
     several = range(len(subjects))
     more = [row for row in rows if any((row, r) not in counted.kept for r in several)]
     tasks, places = _tasks(subjects, counted.grid, more, tolerance_s, detailed=True)
-    found = counted.kept | _by_place(judge_all(tasks, jobs), places)
+    verdicts_by_row = counted.kept | _by_place(judge_all(tasks, jobs), places)
     now = [j.verdicts[0] for j in _as_it_stands(subjects, tolerance_s)]
-    return [*([found[row, r] for r in several] for row in rows), now]
+    return [*([verdicts_by_row[row, r] for r in several] for row in rows), now]
 
 
 def located(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
@@ -340,10 +340,10 @@ def measure_evidence(
         refuse_unsuitable(config, recording.streams, recording.geometry, recording.name)
         # places take long, and no step depends on them, as passes do
         geometry = None if scored_event(config) == "step" else recording.geometry
-        config, told, _ = with_placements(config, recording)
+        config, lines, _ = with_placements(config, recording)
         chain = build_pipeline(config, geometry, recording.labels)
         replay(Source(recording), chain, [sink])
-        notes = [Note(recording.start_ns, text, "WARN", PLACEMENT) for text in told]
+        notes = [Note(recording.start_ns, text, "WARN", PLACEMENT) for text in lines]
         return Evidence(
             path.name,
             config,
@@ -436,11 +436,11 @@ def judge(task: Task) -> Judged:
     counts = np.zeros((len(task.rows), 3), np.int64)
     verdicts: dict[int, Verdicts] = {}
     for row in chain.order(task.rows):
-        found = truth.verdicts(chain.passed(task.rows[row]))
-        right = int(found.hit.sum())
-        counts[row] = right, len(found.false_ns), len(found.hit) - right
+        row_verdicts = truth.verdicts(chain.passed(task.rows[row]))
+        right = int(row_verdicts.hit.sum())
+        counts[row] = right, len(row_verdicts.false_ns), len(row_verdicts.hit) - right
         if task.detailed:
-            verdicts[row] = found
+            verdicts[row] = row_verdicts
     return Judged(
         task.key,
         counts,
@@ -513,14 +513,14 @@ class _Builder:
         What stages ask of each other bounds a parameter from one side, so that the two ends of a
         range tell of what lies between them, and the bound is found in a few trials.
         """
-        known = sorted(set(values)) if axis.span else list(dict.fromkeys(values))
+        distinct = sorted(set(values)) if axis.span else list(dict.fromkeys(values))
         if not axis.span:
-            return {v for v in known if self.accepts(axis, v)}
-        first, last = self.accepts(axis, known[0]), self.accepts(axis, known[-1])
+            return {v for v in distinct if self.accepts(axis, v)}
+        first, last = self.accepts(axis, distinct[0]), self.accepts(axis, distinct[-1])
         if first == last:
-            return set(known) if first else set()
-        bound = bisect_left(known, True, key=lambda v: self.accepts(axis, v) == last)
-        return set(known[bound:] if last else known[:bound])
+            return set(distinct) if first else set()
+        bound = bisect_left(distinct, True, key=lambda v: self.accepts(axis, v) == last)
+        return set(distinct[bound:] if last else distinct[:bound])
 
 
 def without_refused(grid: Grid, config: PipelineConfig) -> tuple[Grid, str]:
@@ -546,7 +546,9 @@ def without_refused(grid: Grid, config: PipelineConfig) -> tuple[Grid, str]:
     columns = list(zip(*grid.rows, strict=True))
     accepted = [builder.accepted(a, column) for a, column in zip(grid.axes, columns, strict=True)]
     rows = tuple(
-        row for row in grid.rows if all(v in kept for v, kept in zip(row, accepted, strict=True))
+        row
+        for row in grid.rows
+        if all(v in allowed for v, allowed in zip(row, accepted, strict=True))
     )
     count = len(grid) - len(rows)
     if not count:
@@ -557,8 +559,8 @@ def without_refused(grid: Grid, config: PipelineConfig) -> tuple[Grid, str]:
     if grid.shape is None:
         return Grid(grid.axes, rows, None), note
     axes = [
-        replace(axis, values=tuple(v for v in axis.values if v in kept))
-        for axis, kept in zip(grid.axes, accepted, strict=True)
+        replace(axis, values=tuple(v for v in axis.values if v in allowed))
+        for axis, allowed in zip(grid.axes, accepted, strict=True)
     ]
     return make_grid(axes), note
 
@@ -733,7 +735,7 @@ def rank(counted: Counted, top: int = 10, jobs: int = 1) -> Ranking:
     )
 
 
-def _ranked(counted: Counted, row: int, same: int, sure: Confidence, place: int) -> Ranked:
+def _ranked(counted: Counted, row: int, same: int, sure: Confidence, index: int) -> Ranked:
     tp, fp, fn = counted.counts[:, row].sum(axis=0).tolist()
     f1 = float(f1_of(counted.counts[:, row].sum(axis=0)))
     return Ranked(
@@ -743,9 +745,9 @@ def _ranked(counted: Counted, row: int, same: int, sure: Confidence, place: int)
         fn,
         f1,
         same,
-        sure.f1[place],
-        sure.behind[place],
-        sure.worse(place),
+        sure.f1[index],
+        sure.behind[index],
+        sure.worse(index),
     )
 
 
@@ -755,9 +757,11 @@ def _now(counted: Counted, sure: Confidence, f1: NDArray[np.float64]) -> Ranked:
     settings = {axis.name: values[axis.stage][axis.parameter] for axis in counted.grid.axes}
     total = counted.now.sum(axis=0)
     tp, fp, fn = total.tolist()
-    own = float(f1_of(total))
-    same = int((f1 == own).sum())
-    return Ranked(settings, tp, fp, fn, own, same, sure.f1[-1], sure.behind[-1], sure.worse(-1))
+    total_f1 = float(f1_of(total))
+    same = int((f1 == total_f1).sum())
+    return Ranked(
+        settings, tp, fp, fn, total_f1, same, sure.f1[-1], sure.behind[-1], sure.worse(-1)
+    )
 
 
 def _parameters(counted: Counted) -> tuple[Swept, ...]:
@@ -779,12 +783,12 @@ def _front(counted: Counted) -> tuple[FrontPoint, ...]:
 
 
 def _leave_one_out(counted: Counted) -> LeaveOneOut:
-    whole = counted.counts.sum(axis=0)
+    total = counted.counts.sum(axis=0)
     left_out = []
-    for subject, own in zip(counted.subjects, counted.counts, strict=True):
-        others = f1_of(whole - own)
+    for subject, subject_counts in zip(counted.subjects, counted.counts, strict=True):
+        others = f1_of(total - subject_counts)
         row = middle(counted.grid, others == others.max())
-        tp, fp, fn = own[row].tolist()
+        tp, fp, fn = subject_counts[row].tolist()
         left_out.append(
             LeftOut(
                 subject.evidence.name,
@@ -792,8 +796,8 @@ def _leave_one_out(counted: Counted) -> LeaveOneOut:
                 tp,
                 fp,
                 fn,
-                float(f1_of(own[row])),
-                float(f1_of(own).max()),
+                float(f1_of(subject_counts[row])),
+                float(f1_of(subject_counts).max()),
             )
         )
     return LeaveOneOut(

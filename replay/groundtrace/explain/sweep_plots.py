@@ -38,13 +38,13 @@ def sweep_figure(counted: Counted, ranking: Ranking) -> str:
     best = ranking.best
     title = f"{len(counted.grid)} settings on {', '.join(ranking.recordings)}"
     chosen = ", ".join(f"{name} {shown(value)}" for name, value in best.settings.items())
-    said = (
+    subtitle = (
         f"best F1 {best.f1:.3f} (90 %: {best.interval.low:.3f} to {best.interval.high:.3f}) at "
         f"{chosen}; as it is {ranking.now.f1:.3f}"
     )
     with style():
         plot = Drawing(title, width=WIDTH, height=HEIGHT, panels=2)
-        plot.figure.suptitle(f"{fill(title, LINE)}\n{fill(said, LINE)}", x=0.006, ha="left")
+        plot.figure.suptitle(f"{fill(title, LINE)}\n{fill(subtitle, LINE)}", x=0.006, ha="left")
         _front(plot, counted, ranking)
         plot.figure.legend(loc="outside lower left", ncols=4, frameon=False)
         plot.axes = plot.panels[1]
@@ -85,10 +85,10 @@ def _front(plot: Drawing, counted: Counted, ranking: Ranking) -> None:
 def _stand_and_best(plot: Drawing, now: tuple[float, float], best: tuple[float, float]) -> None:
     """Mark where the pipeline stands and the best setting: one is seen around the other."""
     ring: dict[str, Any] = {"markerfacecolor": COLOURS["paper"], "markeredgewidth": 2}
-    told = ["the pipeline as it is"], ["the best"]
-    plot.dots(*now, "ink", told[0], 14, label="pipeline as it is", **ring)
+    tips = ["the pipeline as it is"], ["the best"]
+    plot.dots(*now, "ink", tips[0], 14, label="pipeline as it is", **ring)
     edge: dict[str, Any] = {"markeredgecolor": COLOURS["paper"], "markeredgewidth": 1.2}
-    plot.dots(*best, "missed", told[1], 9, label="best", **edge)
+    plot.dots(*best, "missed", tips[1], 9, label="best", **edge)
 
 
 def _parameters(plot: Drawing, counted: Counted, ranking: Ranking) -> None:
@@ -108,8 +108,8 @@ def _parameters(plot: Drawing, counted: Counted, ranking: Ranking) -> None:
 def _curve(plot: Drawing, bins: Bins, f1: NDArray[np.float64], ranking: Ranking) -> None:
     """Draw the best F1 over one parameter."""
     best = np.full(len(bins.centres), np.nan)
-    found = best_in(bins.cell, f1)
-    best[: len(found)] = found
+    best_f1 = best_in(bins.cell, f1)
+    best[: len(best_f1)] = best_f1
     name = bins.axis.name
     tips = [f"{name} {x:.4g}: F1 {y:.3f}" for x, y in zip(bins.centres, best, strict=True)]
     plot.line(bins.centres, best, "result")
@@ -125,13 +125,13 @@ def _heat_map(plot: Drawing, x: Bins, y: Bins, f1: NDArray[np.float64], ranking:
 
     columns = len(x.centres)
     best = np.full(len(y.centres) * columns, np.nan)
-    found = best_in(y.cell * columns + x.cell, f1)
-    best[: len(found)] = found
+    best_f1 = best_in(y.cell * columns + x.cell, f1)
+    best[: len(best_f1)] = best_f1
     tips = [
         ""
         if np.isnan(value)
-        else f"{x.centres[place % columns]:.4g}, {y.centres[place // columns]:.4g}: F1 {value:.3f}"
-        for place, value in enumerate(best)
+        else f"{x.centres[cell % columns]:.4g}, {y.centres[cell // columns]:.4g}: F1 {value:.3f}"
+        for cell, value in enumerate(best)
     ]
     shades = LinearSegmentedColormap.from_list("F1", SCALE, SHADES)
     cells = plot.axes.pcolormesh(
@@ -187,15 +187,19 @@ def binned(grid: Grid, index: int) -> Bins:
     numbers = np.array([_number(axis, row[index]) for row in grid.rows], np.float64)
     scale = 1000.0 if np.ptp(numbers) < SHORT and np.abs(numbers).max() < 1 else 1.0
     numbers = numbers * scale
-    known, cell = np.unique(numbers, return_inverse=True)
-    if len(known) > MOST_VALUES:
-        edges = np.linspace(known[0], known[-1], BINS + 1)
+    distinct, cell = np.unique(numbers, return_inverse=True)
+    if len(distinct) > MOST_VALUES:
+        edges = np.linspace(distinct[0], distinct[-1], BINS + 1)
         cell = np.clip(np.searchsorted(edges, numbers, side="right") - 1, 0, BINS - 1)
         return Bins(axis, scale, edges, (edges[1:] + edges[:-1]) / 2, cell)
-    between = (known[1:] + known[:-1]) / 2
-    half = (known[1] - known[0], known[-1] - known[-2]) if len(known) > 1 else (1.0, 1.0)
-    edges = np.concatenate([[known[0] - half[0] / 2], between, [known[-1] + half[1] / 2]])
-    return Bins(axis, scale, edges, known, cell)
+    between = (distinct[1:] + distinct[:-1]) / 2
+    half = (
+        (distinct[1] - distinct[0], distinct[-1] - distinct[-2])
+        if len(distinct) > 1
+        else (1.0, 1.0)
+    )
+    edges = np.concatenate([[distinct[0] - half[0] / 2], between, [distinct[-1] + half[1] / 2]])
+    return Bins(axis, scale, edges, distinct, cell)
 
 
 def _number(axis: Axis, value: Any) -> float:
@@ -208,8 +212,8 @@ def bins_place(bins: Bins, ranked: Ranked) -> float:
     value = ranked.settings[bins.axis.name]
     if not bins.axis.numeric and value not in bins.axis.values:
         return float("nan")
-    place = _number(bins.axis, value) * bins.scale
-    return place if bins.edges[0] <= place <= bins.edges[-1] else float("nan")
+    position = _number(bins.axis, value) * bins.scale
+    return position if bins.edges[0] <= position <= bins.edges[-1] else float("nan")
 
 
 def most_influential(grid: Grid, f1: NDArray[np.float64]) -> list[int]:

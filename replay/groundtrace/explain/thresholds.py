@@ -83,11 +83,13 @@ def threshold_curves(
         if part.spec.stage in tries.stages
         for gate in part.spec.gates
     }
-    candidates = sum(len(p.candidates) for own in parts.values() for p in own)
+    candidates = sum(len(p.candidates) for gate_parts in parts.values() for p in gate_parts)
     most = min(VALUES, WORK // max(candidates, 1))
     if most < LEAST_VALUES:
         return ()
-    curves = (_curve(tries, truth, key, own, decider, most) for key, own in parts.items())
+    curves = (
+        _curve(tries, truth, key, gate_parts, decider, most) for key, gate_parts in parts.items()
+    )
     return tuple(curve for curve in curves if len(curve.values) >= LEAST_VALUES)
 
 
@@ -104,28 +106,28 @@ def _curve(
     column = next(i for i, gate in enumerate(gates) if gate.parameter == parameter)
     now = float(gates[column].threshold)
     measured = np.concatenate([part.gate_value[:, column] for part in parts]).astype(np.float64)
-    whole = parameter in decider.whole_numbers(stage)
-    found: list[tuple[float, Counts]] = []
-    for value in tried(measured, now, most, whole=whole):
-        setting = {key: int(value) if whole else value}
+    is_integer = parameter in decider.whole_numbers(stage)
+    points: list[tuple[float, Counts]] = []
+    for value in tried(measured, now, most, is_integer=is_integer):
+        setting = {key: int(value) if is_integer else value}
         try:
             times = times_of(tries.passed(setting))
         except PipelineError:  # below what was stored, or not allowed
             continue
-        found.append((value, Counts.of(truth.match(times))))
+        points.append((value, Counts.of(truth.match(times))))
     return ThresholdCurve(
         stage,
         parameter,
         gates[column].unit,
         now,
-        tuple(value for value, _ in found),
-        tuple(count.tp for _, count in found),
-        tuple(count.fn for _, count in found),
-        tuple(count.fp for _, count in found),
+        tuple(value for value, _ in points),
+        tuple(count.tp for _, count in points),
+        tuple(count.fn for _, count in points),
+        tuple(count.fp for _, count in points),
     )
 
 
-def tried(measured: np.ndarray, now: float, most: int, *, whole: bool) -> list[float]:
+def tried(measured: np.ndarray, now: float, most: int, *, is_integer: bool) -> list[float]:
     """Return values of a threshold to try: where candidates are, close to it and far from it.
 
     Parameters
@@ -136,13 +138,15 @@ def tried(measured: np.ndarray, now: float, most: int, *, whole: bool) -> list[f
         The threshold as it stands, which is among them.
     most
         How many at most.
-    whole
+    is_integer
         Whether only whole numbers are thresholds.
     """
-    known = measured[np.isfinite(measured)]
-    parts = np.quantile(known, np.linspace(0.0, 1.0, most - 1)) if len(known) else np.empty(0)
+    finite = measured[np.isfinite(measured)]
+    parts = np.quantile(finite, np.linspace(0.0, 1.0, most - 1)) if len(finite) else np.empty(0)
     values = np.append(parts, now)
     values = (
-        np.rint(values) if whole else np.array([float(f"{v:.4g}") for v in values[:-1]] + [now])
+        np.rint(values)
+        if is_integer
+        else np.array([float(f"{v:.4g}") for v in values[:-1]] + [now])
     )
     return [float(v) for v in np.unique(values)]

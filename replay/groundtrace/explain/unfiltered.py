@@ -100,17 +100,17 @@ class Unfiltered:
         None where there is none, the recording is not at hand, or the detector has no filter.
         """
         middle_ns = (start_ns + end_ns) // 2
-        found = self.around(part, middle_ns)
-        if found is None:
+        measured = self.around(part, middle_ns)
+        if measured is None:
             return None
-        rows = found.between(start_ns, end_ns)
-        passed = passes_levels(found)
-        own = [r for r in rows if found.candidates.channel[r] == channel and passed[r]]
-        if not own:
+        rows = measured.between(start_ns, end_ns)
+        passed = passes_levels(measured)
+        channel_rows = [r for r in rows if measured.candidates.channel[r] == channel and passed[r]]
+        if not channel_rows:
             return None
-        times = found.candidates.time_ns
-        row = min(own, key=lambda r: abs(int(times[r]) - middle_ns))
-        return Unmuted(int(times[row]), float(found.candidates.value[row, 0]))
+        times = measured.candidates.time_ns
+        row = min(channel_rows, key=lambda r: abs(int(times[r]) - middle_ns))
+        return Unmuted(int(times[row]), float(measured.candidates.value[row, 0]))
 
     def group(
         self, part: StageEvidence, source: StageEvidence, start_ns: int, end_ns: int
@@ -136,14 +136,14 @@ class Unfiltered:
         kind: Any = stage_named(stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
         runner = StageRunner(stage, kind, parameters, {kind.takes[0]: (source.spec.stage,)})
-        own = [
+        groups = [
             Unmuted(int(time_ns), float(value[0]))
             for block in associated(runner, [(picked.spec, accepted_picks(picked))])
             if isinstance(block, CandidateBlock)
             for time_ns, value, good in zip(block.time_ns, block.value, block.accepted, strict=True)
             if good and start_ns <= time_ns <= end_ns
         ]
-        return min(own, key=lambda one: abs(one.time_ns - middle_ns), default=None)
+        return min(groups, key=lambda one: abs(one.time_ns - middle_ns), default=None)
 
     def clipped(self, part: StageEvidence, start_ns: int, end_ns: int) -> tuple[str, float] | None:
         """Return the channel that stood still at its extreme for longest, and for how long [s].
@@ -218,8 +218,8 @@ class Unfiltered:
             for item in Source(recording, topics={spec.topic}, start_ns=span[0], stop_ns=span[1]):
                 events += list(stage.process(item))
         events += list(stage.flush())
-        found = stage_evidence(events, [spec.stage])
-        return found[0] if found else None
+        parts = stage_evidence(events, [spec.stage])
+        return parts[0] if parts else None
 
 
 def passes_levels(part: StageEvidence) -> NDArray[np.bool_]:

@@ -83,8 +83,8 @@ class Mended:
     @classmethod
     def of(cls, wrong: Sequence[Missed] | Sequence[FalseDetection]) -> Mended:
         """Count remedies."""
-        found = Counter(len(w.remedy.changes) if w.remedy is not None else 0 for w in wrong)
-        return cls(found[1], found[2], found[0])
+        remedy_sizes = Counter(len(w.remedy.changes) if w.remedy is not None else 0 for w in wrong)
+        return cls(remedy_sizes[1], remedy_sizes[2], remedy_sizes[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +154,8 @@ def explain_steps(
     matching = healer.matching
     reasons = StepReasons(evidence, tolerance_s, matching)
 
-    def remedy(place: int, time_ns: int, *, false: bool = False) -> Remedy | None:
-        looked_for = mended is None or place < mended
+    def remedy(rank: int, time_ns: int, *, false: bool = False) -> Remedy | None:
+        looked_for = mended is None or rank < mended
         return remedy_of(healer, reasons, time_ns, false=false) if looked_for else None
 
     missed = tuple(
@@ -163,10 +163,10 @@ def explain_steps(
             int(index) + 1,
             _seconds(evidence, time_ns),
             reasons.at(time_ns),
-            remedy(place, time_ns),
+            remedy(rank, time_ns),
             reasons.wrong_time(time_ns),
         )
-        for place, (index, time_ns) in enumerate(
+        for rank, (index, time_ns) in enumerate(
             zip(matching.missed, matching.truth_ns[matching.missed].tolist(), strict=True)
         )
     )
@@ -174,10 +174,10 @@ def explain_steps(
         FalseDetection(
             _seconds(evidence, time_ns),
             narrowest(evidence, time_ns),
-            remedy(place, time_ns, false=True),
+            remedy(rank, time_ns, false=True),
             reasons.wrong_time(time_ns),
         )
-        for place, time_ns in enumerate(matching.found_ns[matching.false].tolist())
+        for rank, time_ns in enumerate(matching.found_ns[matching.false].tolist())
     )
     causes = dict(Counter(m.reason.cause for m in missed))
     latency_s, right = _without_latency(matching, evidence.start_ns, tolerance_s)
@@ -215,9 +215,9 @@ def remedy_of(
 
 def _without_latency(matching: StepMatch, start_ns: int, tolerance_s: float) -> tuple[float, int]:
     """Return the usual latency [s], and how many steps match without it."""
-    truth, found = ((t - start_ns) / NS_PER_S for t in (matching.truth_ns, matching.found_ns))
-    latency_s = usual_latency_s(truth, found)
-    return latency_s, len(match(truth, found - latency_s, tolerance_s))
+    truth, detected = ((t - start_ns) / NS_PER_S for t in (matching.truth_ns, matching.found_ns))
+    latency_s = usual_latency_s(truth, detected)
+    return latency_s, len(match(truth, detected - latency_s, tolerance_s))
 
 
 def _seconds(evidence: Evidence, time_ns: int) -> float:
@@ -283,9 +283,9 @@ def moment(evidence: Evidence, time_ns: int, tolerance_s: float = STEP_TOLERANCE
     final = {part.spec.stage for part in evidence.stages if part.spec.emits == "step"}
     at_s = _seconds(evidence, time_ns)
     near = [link for link in chain if abs(link.time_s - at_s) * NS_PER_S <= reach]
-    found = any(link.accepted and link.stage in final for link in near)
-    told = reason if missed or not found else None
-    return Moment(at_s, told, chain, _pair_about(reasons, time_ns, reach))
+    detected = any(link.accepted and link.stage in final for link in near)
+    missed_reason = reason if missed or not detected else None
+    return Moment(at_s, missed_reason, chain, _pair_about(reasons, time_ns, reach))
 
 
 def _pair_about(reasons: StepReasons, time_ns: int, reach: int) -> WrongTime | None:

@@ -137,14 +137,18 @@ def steady(truth: Sequence[Label], errors_s: Array, tolerance_s: float) -> dict[
     """Return the channels that are late or early by nearly the same time."""
     names = list(dict.fromkeys(label.channel for label in truth))
     errors = {name: _errors_of(truth, errors_s, name) for name in names}
-    medians = {name: float(np.median(own)) for name, own in errors.items() if len(own)}
-    found = {}
-    for name, own in errors.items():
-        if len(own) < STEADY_PICKS or abs(medians[name]) <= tolerance_s:
+    medians = {
+        name: float(np.median(channel_errors))
+        for name, channel_errors in errors.items()
+        if len(channel_errors)
+    }
+    constant = {}
+    for name, channel_errors in errors.items():
+        if len(channel_errors) < STEADY_PICKS or abs(medians[name]) <= tolerance_s:
             continue
-        before_s, after_s = (float(np.abs(own - c).mean()) for c in (0.0, medians[name]))
+        before_s, after_s = (float(np.abs(channel_errors - c).mean()) for c in (0.0, medians[name]))
         ratio = before_s / max(after_s, LEAST_SCATTER_S)
-        gain = 2 * len(own) * float(np.log(ratio)) - float(np.log(len(own)))
+        gain = 2 * len(channel_errors) * float(np.log(ratio)) - float(np.log(len(channel_errors)))
         if gain < STEADY_GAIN:
             continue
         rest = [median for other, median in medians.items() if other != name]
@@ -152,14 +156,18 @@ def steady(truth: Sequence[Label], errors_s: Array, tolerance_s: float) -> dict[
         computed = all(x.author == SIMULATOR for x in truth if x.channel == name)
         alone = abs(medians[name] - others_s) > tolerance_s
         cause = "clock" if computed and alone else "latency"
-        found[name] = Steady(cause, medians[name], before_s, after_s, len(own), gain, others_s)
-    return found
+        constant[name] = Steady(
+            cause, medians[name], before_s, after_s, len(channel_errors), gain, others_s
+        )
+    return constant
 
 
 def _errors_of(truth: Sequence[Label], errors_s: Array, channel: str) -> Array:
     """Return the errors of the answered arrivals of a channel [s]."""
-    own = errors_s[[label.channel == channel for label in truth]]
-    answered: Array = own[[pick_state(error) != "missed" for error in own.tolist()]]
+    channel_errors = errors_s[[label.channel == channel for label in truth]]
+    answered: Array = channel_errors[
+        [pick_state(error) != "missed" for error in channel_errors.tolist()]
+    ]
     return answered
 
 
@@ -171,21 +179,23 @@ def by_channel(
     tolerance_s: float,
 ) -> tuple[ChannelPicks, ...]:
     """Return the picks of each channel that has true arrivals, by name."""
-    constant, found = steady(truth, errors_s, tolerance_s), []
+    constant, channels = steady(truth, errors_s, tolerance_s), []
     for name in dict.fromkeys(label.channel for label in truth):
-        own = [x for label, x in zip(truth, states, strict=True) if label.channel == name]
-        own += [b.state for b in bad if b.channel == name and b.state == "false"]
+        channel_states = [
+            x for label, x in zip(truth, states, strict=True) if label.channel == name
+        ]
+        channel_states += [b.state for b in bad if b.channel == name and b.state == "false"]
         errors = _errors_of(truth, errors_s, name)
-        found.append(
+        channels.append(
             ChannelPicks(
                 name,
-                PickCounts.of(own),
+                PickCounts.of(channel_states),
                 float(np.median(errors)) * 1e3 if len(errors) else float("nan"),
                 name in constant and constant[name].cause == "clock",
                 name in constant and constant[name].cause == "latency",
             )
         )
-    return tuple(sorted(found, key=lambda item: item.channel))
+    return tuple(sorted(channels, key=lambda item: item.channel))
 
 
 #: A candidate beside an arrival is of it where chance brings one as near and as strong less often
@@ -235,8 +245,8 @@ class Picking:
 
     def recorded(self, channel: str, time_ns: int) -> StageEvidence | None:
         """Return the part whose topic has a signal of a channel at a time; None without any."""
-        own = [part for part in self.parts if channel in part.spec.channels]
-        return next((part for part in own if self._has_signal(part, time_ns)), None)
+        channel_parts = [part for part in self.parts if channel in part.spec.channels]
+        return next((part for part in channel_parts if self._has_signal(part, time_ns)), None)
 
     def _has_signal(self, part: StageEvidence, time_ns: int) -> bool:
         """Whether a topic has a frame of trace at a time; without a trace, whether no gap."""
@@ -416,15 +426,15 @@ def _astray(picking: Picking, part: StageEvidence, channel: str, time_ns: int) -
     """Say how late or early the nearest rejected candidate is, where it is no chance neighbour."""
     for stage in (part, *picking.before(part)):
         rows = _near(stage, channel, time_ns, round(ANSWER_S * NS_PER_S))
-        own = [int(r) for r in rows if not stage.accepted[r]]
-        if not own:
+        rejected = [int(r) for r in rows if not stage.accepted[r]]
+        if not rejected:
             continue
-        row = min(own, key=lambda r: abs(int(stage.candidates.time_ns[r]) - time_ns))
+        row = min(rejected, key=lambda r: abs(int(stage.candidates.time_ns[r]) - time_ns))
         off_s = (int(stage.candidates.time_ns[row]) - time_ns) / NS_PER_S
         if not picking.is_chance(stage, row, abs(off_s)):
-            found = _gate(stage, row, time_ns)
-            text = f"the nearest candidate comes {timed(off_s)}, {picking.within}: {found.text}"
-            return PickReason("late" if off_s > 0 else "early", text, found.readings)
+            reason = _gate(stage, row, time_ns)
+            text = f"the nearest candidate comes {timed(off_s)}, {picking.within}: {reason.text}"
+            return PickReason("late" if off_s > 0 else "early", text, reason.readings)
     return None
 
 
@@ -441,10 +451,10 @@ def _filtered(
         return None
     number, reach = source.spec.channels.index(channel), round(ANSWER_S * NS_PER_S)
     measured = signal.around(source, time_ns)
-    found = signal.nearest(source, number, time_ns - reach, time_ns + reach)
-    if measured is None or found is None:
+    unmuted = signal.nearest(source, number, time_ns - reach, time_ns + reach)
+    if measured is None or unmuted is None:
         return None
-    off_ns = abs(found.time_ns - time_ns)
+    off_ns = abs(unmuted.time_ns - time_ns)
     passed = passes_levels(measured) & (measured.candidates.channel == number)
     often = -np.expm1(-picking.rate_hz(measured, passed) * 2 * off_ns / NS_PER_S)
     if not often <= CHANCE:
@@ -459,9 +469,9 @@ def _filtered(
     if not left_ns:
         return PickReason(*silent(picking.evidence, source, number, time_ns, reach))
     nearest = min(left_ns, key=lambda r: left_ns[r])
-    told = _beside(picking, source, nearest, time_ns)
-    text = f"{without_filter(source, found, time_ns)}; with it {told.text}"
-    return PickReason("filter", text, told.readings)
+    reason = _beside(picking, source, nearest, time_ns)
+    text = f"{without_filter(source, unmuted, time_ns)}; with it {reason.text}"
+    return PickReason("filter", text, reason.readings)
 
 
 def _nothing_picked(
@@ -492,12 +502,12 @@ def _nothing_picked(
     row = min(near.tolist(), key=lambda r: abs(int(source.candidates.time_ns[r]) - time_ns))
     off_s = (int(source.candidates.time_ns[row]) - time_ns) / NS_PER_S
     often = chance(picking.by_chance(source, row, abs(off_s)))
-    told = _beside(picking, source, row, time_ns)
+    reason = _beside(picking, source, row, time_ns)
     text = (
         f"no candidate of its own: the nearest comes {timed(off_s)}, as near and strong a one by "
-        f"chance {100 * often:.2g} % of the time: {told.text}"
+        f"chance {100 * often:.2g} % of the time: {reason.text}"
     )
-    return PickReason("quiet", text, told.readings)
+    return PickReason("quiet", text, reason.readings)
 
 
 def late(picking: Picking, channel: str, time_ns: int, picked: Pick) -> PickReason:
@@ -507,16 +517,16 @@ def late(picking: Picking, channel: str, time_ns: int, picked: Pick) -> PickReas
     """
     part = picking.of(picked)
     late_s = (picked.time_ns - time_ns) / NS_PER_S
-    found = f"found {timed(late_s)}, {picking.within}"
+    latency_text = f"found {timed(late_s)}, {picking.within}"
     rejected = _rejected(picking, part, channel, time_ns)
     value = _value_at(part, channel, picked.time_ns)
     if rejected is None:
         at = f"within {picking.tolerance_s * 1e3:g} ms of the arrival"
-        text = f"{found}: {picking.stage} has no candidate {at}, but a later one{value}"
+        text = f"{latency_text}: {picking.stage} has no candidate {at}, but a later one{value}"
         return PickReason("late", text)
     if rejected.cause != "threshold":
-        return PickReason(rejected.cause, f"{found}: {rejected.text}", rejected.readings)
-    text = f"{found}: {rejected.text}; a later one was picked{value}"
+        return PickReason(rejected.cause, f"{latency_text}: {rejected.text}", rejected.readings)
+    text = f"{latency_text}: {rejected.text}; a later one was picked{value}"
     return PickReason("threshold", text, rejected.readings)
 
 
@@ -531,17 +541,17 @@ def early(picking: Picking, time_ns: int, picked: Pick) -> PickReason:
 def false(picking: Picking, picked: Pick) -> PickReason:
     """Say which gate a pick passed by the smallest margin, relative to its threshold."""
     part = picking.of(picked)
-    own = _near(part, picked.channel, picked.time_ns, 0)
-    told = readings(part, int(own[0])) if len(own) else ()
-    finite = [r for r in told if np.isfinite(r.margin)]
+    rows = _near(part, picked.channel, picked.time_ns, 0)
+    gate_readings = readings(part, int(rows[0])) if len(rows) else ()
+    finite = [r for r in gate_readings if np.isfinite(r.margin)]
     gate = min(finite, key=lambda r: r.margin / max(abs(r.threshold), 1e-9), default=None)
     if gate is None:
-        return PickReason("false", "it passed every gate", told)
+        return PickReason("false", "it passed every gate", gate_readings)
     sign = "over" if gate.value >= gate.threshold else "under"
     unit = unit_after(gate.unit)
     measured, threshold = readable(gate.value), readable(gate.threshold)
     text = f"{gate.gate} {measured}{unit} {sign} {threshold}{unit} let it pass"
-    return PickReason("false", text, told)
+    return PickReason("false", text, gate_readings)
 
 
 def _rejected(
@@ -550,24 +560,26 @@ def _rejected(
     """Say which gate rejected the candidate at an arrival; None where there is no such."""
     for stage in (part, *picking.before(part)):
         near = _near(stage, channel, time_ns, round(picking.tolerance_s * NS_PER_S))
-        own = [int(r) for r in near if not stage.accepted[r]]
-        if own:
-            return _gate(stage, min(own, key=lambda r: closeness(stage, r, time_ns)), time_ns)
+        rejected = [int(r) for r in near if not stage.accepted[r]]
+        if rejected:
+            return _gate(stage, min(rejected, key=lambda r: closeness(stage, r, time_ns)), time_ns)
     return None
 
 
 def _gate(part: StageEvidence, row: int, time_ns: int) -> PickReason:
     """Say which gate a candidate failed first, and how far from the arrival it is."""
-    told = readings(part, row)
-    first = next(r for r in told if not r.passed)
+    gate_readings = readings(part, row)
+    first = next(r for r in gate_readings if not r.passed)
     off_s = (int(part.candidates.time_ns[row]) - time_ns) / NS_PER_S
     if first.gate != "refractory":
-        return PickReason("threshold", f"the candidate {timed(off_s)} failed {below(first)}", told)
+        return PickReason(
+            "threshold", f"the candidate {timed(off_s)} failed {below(first)}", gate_readings
+        )
     text = (
         f"the candidate {timed(off_s)} is held off by the pick {first.value * 1e3:.0f} ms earlier "
         f"(refractory {first.threshold * 1e3:.0f} ms)"
     )
-    return PickReason("refractory", text, told)
+    return PickReason("refractory", text, gate_readings)
 
 
 def _beside(picking: Picking, part: StageEvidence, row: int, time_ns: int) -> PickReason:
@@ -582,16 +594,18 @@ def _beside(picking: Picking, part: StageEvidence, row: int, time_ns: int) -> Pi
 def _near(part: StageEvidence, channel: str, time_ns: int, reach: int) -> NDArray[np.intp]:
     """Return the candidates of a channel about a time."""
     rows = part.between(time_ns - reach, time_ns + reach)
-    own: NDArray[np.intp] = rows[part.candidates.channel[rows] == part.spec.channels.index(channel)]
-    return own
+    channel_rows: NDArray[np.intp] = rows[
+        part.candidates.channel[rows] == part.spec.channels.index(channel)
+    ]
+    return channel_rows
 
 
 def _value_at(part: StageEvidence, channel: str, time_ns: int) -> str:
     """Return what a pick reached, as a phrase."""
-    own = _near(part, channel, time_ns, 0)
-    if not len(own):
+    rows = _near(part, channel, time_ns, 0)
+    if not len(rows):
         return ""
-    return f" ({part.spec.columns[0].name} {readable(float(part.candidates.value[own[0], 0]), 3)})"
+    return f" ({part.spec.columns[0].name} {readable(float(part.candidates.value[rows[0], 0]), 3)})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -724,8 +738,8 @@ def pick_moment(
         for part in _picking(evidence, stage).parts
         for link in links(evidence, part, time_ns - reach, time_ns + reach)
     ]
-    kept = tuple(link for link in chain if bad is None or link.channel == bad.channel)
-    return PickMoment((time_ns - evidence.start_ns) / NS_PER_S, bad, kept)
+    channel_links = tuple(link for link in chain if bad is None or link.channel == bad.channel)
+    return PickMoment((time_ns - evidence.start_ns) / NS_PER_S, bad, channel_links)
 
 
 def bad_picks(evidence: Evidence) -> int | None:
@@ -746,11 +760,11 @@ def _picking(evidence: Evidence, stage: str = "", tolerance_s: float = RIGHT_S) 
     if not parts:
         raise RecordingError(f"{evidence.name}: expected a stage that picks, found none")
     wanted = stage or onsets_of(evidence, parts[-1]).spec.stage
-    found = tuple(part for part in parts if part.spec.stage == wanted)
-    if not found:
+    stage_parts = tuple(part for part in parts if part.spec.stage == wanted)
+    if not stage_parts:
         names = ", ".join(dict.fromkeys(part.spec.stage for part in parts))
         raise RecordingError(f"{evidence.name}: expected one of {names}, found {stage}")
-    return Picking(evidence, found, tolerance_s)
+    return Picking(evidence, stage_parts, tolerance_s)
 
 
 _Item = tuple[int, str, str, float, PickReason]
@@ -759,19 +773,19 @@ _Item = tuple[int, str, str, float, PickReason]
 def _bad(picking: Picking, answers: PickResiduals, states: list[str]) -> list[_Item]:
     """Return the true arrivals that were picked late, early or not at all."""
     constant = steady(answers.truth, answers.error_s, picking.tolerance_s)
-    found: list[_Item] = []
+    items: list[_Item] = []
     for label, state, error, pick in zip(
         answers.truth, states, answers.error_s.tolist(), answers.picks, strict=True
     ):
         if state == "right":
             continue
         reason = _reason(picking, label, state, pick)
-        usual = constant.get(label.channel)
-        if usual is not None and abs(error - usual.offset_s) <= picking.tolerance_s:
-            reason = PickReason(usual.cause, f"{label.channel} is {usual.text}")
+        steady_error = constant.get(label.channel)
+        if steady_error is not None and abs(error - steady_error.offset_s) <= picking.tolerance_s:
+            reason = PickReason(steady_error.cause, f"{label.channel} is {steady_error.text}")
         off_ms = error * 1e3 if state != "missed" else float("nan")
-        found.append((label.time_ns, label.channel, state, off_ms, reason))
-    return found
+        items.append((label.time_ns, label.channel, state, off_ms, reason))
+    return items
 
 
 def _reason(picking: Picking, label: Label, state: str, pick: Pick | None) -> PickReason:
@@ -789,10 +803,10 @@ def _unasked(picking: Picking, answers: PickResiduals) -> list[_Item]:
     for label in answers.truth:
         low, high = spans.get(label.channel, (label.time_ns, label.time_ns))
         spans[label.channel] = (min(low, label.time_ns), max(high, label.time_ns))
-    found: list[_Item] = []
+    items: list[_Item] = []
     for pick in picking.picks():
         low, high = spans.get(pick.channel, (0, -1))
         if low <= pick.time_ns <= high and (pick.topic, pick.channel, pick.time_ns) not in asked:
             reason = false(picking, pick)
-            found.append((pick.time_ns, pick.channel, "false", float("nan"), reason))
-    return found
+            items.append((pick.time_ns, pick.channel, "false", float("nan"), reason))
+    return items

@@ -419,11 +419,11 @@ class PositionErrorCause:
         """
         arrivals, positions = self._without_faults(self.faults)
         true_s = self.relocator.arrivals.times_s - self.truth_off_s
-        known = np.isfinite(true_s).sum() >= np.isfinite(arrivals).sum() / 2
+        has_truth = np.isfinite(true_s).sum() >= np.isfinite(arrivals).sum() / 2
         sources = self.healer.reference.xy
         if self.healer.reference.kind == "none":
             sources = self.healer.without_faults(self.faults).xy
-        return fit_curve(sources, positions, true_s if known else arrivals)
+        return fit_curve(sources, positions, true_s if has_truth else arrivals)
 
     def _without_faults(
         self, faults: Sequence[Fault], row: int | None = None
@@ -448,8 +448,8 @@ class PositionErrorCause:
         late = times - self._travel_s(self.healer.reference.xy[:, None], positions)
         first, second = np.triu_indices(late.shape[1], 1)
         apart = np.abs(late[:, first] - late[:, second])
-        known = apart[np.isfinite(apart)] / np.sqrt(2)
-        found_s = MAD_SIGMA * float(np.median(known)) if len(known) else stated_s
+        scatter_s = apart[np.isfinite(apart)] / np.sqrt(2)
+        found_s = MAD_SIGMA * float(np.median(scatter_s)) if len(scatter_s) else stated_s
         return min(max(found_s, LEAST_NOISE_S), max(stated_s, LEAST_NOISE_S))
 
     def _travel_s(self, places: Array, positions: Array) -> Array:
@@ -468,10 +468,10 @@ class PositionErrorCause:
     def cause(self, row: int) -> PlaceCause:
         """Return the cause that explains a bad place best."""
         missing = self.missing(row)
-        found = self._too_few(row, missing) or self._compared(row, missing)
-        if found.remedy is None:
-            found = replace(found, remedy=self._any_remedy(row, missing))
-        return found
+        place_cause = self._too_few(row, missing) or self._compared(row, missing)
+        if place_cause.remedy is None:
+            place_cause = replace(place_cause, remedy=self._any_remedy(row, missing))
+        return place_cause
 
     def missing(self, row: int) -> tuple[MissingChannel, ...]:
         """Return the channels without an arrival at a step, and why they have none.
@@ -482,12 +482,14 @@ class PositionErrorCause:
         time_ns = int(self.relocator.arrivals.step_ns[row])
         window_ns = round(self.relocator.parameters.window_s * NS_PER_S)
         group = (time_ns, time_ns + window_ns)
-        found = missing_channels(
+        channels = missing_channels(
             self.relocator.evidence, self.relocator.stepping, time_ns, window_ns, group
         )
-        heard = np.isfinite(self.relocator.arrivals.times_s[row])
-        lacking = {name for name, index in self.relocator.channels.items() if not heard[index]}
-        return tuple(m for m in found if m.channel in lacking)
+        received = np.isfinite(self.relocator.arrivals.times_s[row])
+        missing_names = {
+            name for name, index in self.relocator.channels.items() if not received[index]
+        }
+        return tuple(m for m in channels if m.channel in missing_names)
 
     def off_s(self, row: int) -> Array:
         """Return by how much each arrival is late, shape (n,) [s]; NaN where not known.
@@ -515,28 +517,28 @@ class PositionErrorCause:
 
     def heard(self, row: int) -> list[int]:
         """Return the channels with an arrival at a step."""
-        found: list[int] = np.flatnonzero(
+        channels: list[int] = np.flatnonzero(
             np.isfinite(self.relocator.arrivals.times_s[row])
         ).tolist()
-        return found
+        return channels
 
     def _too_few(self, row: int, missing: Sequence[MissingChannel]) -> PlaceCause | None:
         """Say that there are fewer arrivals than a place needs: there is none."""
         failed = self.relocator.located.failed(row)
         if failed is None or failed.gate != "picks":
             return None
-        heard, least = self.heard(row), self.relocator.parameters.min_picks
-        text = f"{len(heard)} of {least} arrivals needed ({self._names(heard)})"
+        received, least = self.heard(row), self.relocator.parameters.min_picks
+        text = f"{len(received)} of {least} arrivals needed ({self._names(received)})"
         return PlaceCause(*self._lacking(text, row, least, missing))
 
     def _lacking(
         self, text: str, row: int, wanted: int, missing: Sequence[MissingChannel]
     ) -> tuple[str, str]:
         """Return cause and text of a place that lacks arrivals; broken channels are the cause."""
-        cause, heard = "arrivals", len(self.heard(row))
+        cause, received = "arrivals", len(self.heard(row))
         for broken in ("dead", "clipped"):
             count = sum(m.cause == broken for m in missing)
-            if count and (heard + count >= wanted or count == len(missing)):
+            if count and (received + count >= wanted or count == len(missing)):
                 cause = broken
         texts = [text + self._signs(row), *(f"{m.channel} {m.text}" for m in missing)]
         return cause, "; ".join(texts)
@@ -548,9 +550,9 @@ class PositionErrorCause:
         """Return how many signs a method of signs has and what they leave, else nothing."""
         if not self._counts_signs() or self.relocator.located.ties[row] < 1:
             return ""
-        heard, every = len(self.heard(row)), len(self.relocator.names)
+        count, every = len(self.heard(row)), len(self.relocator.names)
         return (
-            f" ({heard * (heard - 1) // 2} of {every * (every - 1) // 2} signs, "
+            f" ({count * (count - 1) // 2} of {every * (every - 1) // 2} signs, "
             f"{self.relocator.located.ties[row]} regions fit equally well)"
         )
 
@@ -589,15 +591,17 @@ class PositionErrorCause:
     def _rivals_with(self, row: int, faults: tuple[Fault, ...]) -> Iterator[Rival]:
         """Yield the accounts that take some sensors' faults for true."""
         times, positions = self._without_faults(faults, row)
-        heard, cost = self.heard(row), self.wrong_cost
+        received, cost = self.heard(row), self.wrong_cost
         cause = self._faulty(row, faults).cause if faults else "noise"
-        felt = [f for f in faults if f.cause == "clock" and self.relocator.correlated]
-        whole = [c for c in heard if c not in {fault.channel for fault in felt}]
-        off = self._late_s(row, times, positions, whole, free=True)
-        misfit = self._squares(off, whole) + sum(self._felt(off, f) for f in felt if whole)
+        clock_faults = [f for f in faults if f.cause == "clock" and self.relocator.correlated]
+        unaffected = [c for c in received if c not in {fault.channel for fault in clock_faults}]
+        off = self._late_s(row, times, positions, unaffected, free=True)
+        misfit = self._squares(off, unaffected) + sum(
+            self._felt(off, f) for f in clock_faults if unaffected
+        )
         yield Rival(cause, (), misfit, off, faults)
-        for channel in heard:
-            others = [c for c in heard if c != channel]
+        for channel in received:
+            others = [c for c in received if c != channel]
             if len(others) < 2 or self._known_right(row, channel):
                 continue
             off = self._late_s(row, times, positions, others)
@@ -630,19 +634,19 @@ class PositionErrorCause:
         self, row: int, times: Array, positions: Array, faults: tuple[Fault, ...]
     ) -> Rival | None:
         """Return the best account by which two or more arrivals are wrong; None without any."""
-        heard, cost, best = self.heard(row), self.wrong_cost, None
+        received, cost, best = self.heard(row), self.wrong_cost, None
         anchored = bool(np.isfinite(self.truth_off_s[row]).any())
-        for kept in heard:
-            right = [kept]
+        for seed in received:
+            right = [seed]
             off = self._late_s(row, times, positions, right)
-            for _ in range(len(heard)):
+            for _ in range(len(received)):
                 size = (off / self.noise_s) ** 2
-                again = [c for c in heard if size[c] <= cost] or ([] if anchored else [kept])
+                again = [c for c in received if size[c] <= cost] or ([] if anchored else [seed])
                 if again == right:
                     break
                 right = again
                 off = self._late_s(row, times, positions, right)
-            wrong = tuple(c for c in heard if c not in right)
+            wrong = tuple(c for c in received if c not in right)
             if len(wrong) < 2:
                 continue
             misfit = self._squares(off, right) + cost * len(wrong)
@@ -669,14 +673,14 @@ class PositionErrorCause:
         and elsewhere it fits those that are right.
         """
         assert self.curve is not None
-        place, chosen = self.healer.reference.xy[row], list(right)
-        if self.healer.reference.kind != "truth" or not np.isfinite(place).all():
+        source, chosen = self.healer.reference.xy[row], list(right)
+        if self.healer.reference.kind != "truth" or not np.isfinite(source).all():
             if len(chosen) >= tdoa.HYPERBOLIC_UNKNOWNS:
                 model = Model(self.curve.exponent, self.curve.slope)
-                place = self._best_place(times, positions, chosen, model)
+                source = self._best_place(times, positions, chosen, model)
             else:
-                place = self.relocator.located.xy[row]
-        travel = self._travel_s(place, positions)
+                source = self.relocator.located.xy[row]
+        travel = self._travel_s(source, positions)
         late, begun = times - travel, float("nan")
         if not free:
             true_s = self.relocator.arrivals.times_s[row] - self.truth_off_s[row]
@@ -689,8 +693,8 @@ class PositionErrorCause:
         outline = np.array(self.relocator.geometry.outline, np.float64)
         area = tdoa.lattice(positions, outline if len(outline) else None, model.exponent)
         area = replace(area, u=area.u[channels])
-        found = tdoa.search(area, positions[channels], times[None, channels], model)
-        return np.asarray(found.places[0])
+        fit = tdoa.search(area, positions[channels], times[None, channels], model)
+        return np.asarray(fit.places[0])
 
     def _faulty(self, row: int, faults: tuple[Fault, ...]) -> Fault:
         """Return the fault of some that moves a step's place most."""
@@ -730,7 +734,7 @@ class PositionErrorCause:
         """
         following = next((other for other in rivals if rival.contradicts(other)), None)
         mended_m = self._mended_m(row, rival)
-        said = replace(self._beside(rival, following), mended_m=mended_m)
+        place_cause = replace(self._beside(rival, following), mended_m=mended_m)
         # a sensor that is wrong all through outdoes its own arrival being wrong in this step
         same = following is not None and following.channels == rival.channels
         if following is not None and following in equal and not (same and rival.faults):
@@ -738,12 +742,12 @@ class PositionErrorCause:
                 f"{self._called(rival)} explains the {len(self.heard(row))} arrivals hardly better "
                 f"than {self._called(following)}"
             )
-            return replace(said, cause="unclear", text=text)
+            return replace(place_cause, cause="unclear", text=text)
         if self._sensor_alone(row, rival):
             fault = self._faulty(row, rival.faults)
             if not fault.clear:
                 text = f"{self.relocator.names[fault.channel]} is late or displaced: {fault.alike}"
-                return replace(said, cause="unclear", text=text)
+                return replace(place_cause, cause="unclear", text=text)
             name = self.relocator.names[fault.channel]
             off_ms = fault.offset_s * 1e3 if fault.cause == "clock" else float("nan")
             if fault.cause == "clock":
@@ -754,14 +758,19 @@ class PositionErrorCause:
             text += self._still(row, mended_m)
             remedy = self.healer.by_fault(row, fault)
             return replace(
-                said, cause=fault.cause, text=text, channel=name, off_ms=off_ms, remedy=remedy
+                place_cause,
+                cause=fault.cause,
+                text=text,
+                channel=name,
+                off_ms=off_ms,
+                remedy=remedy,
             )
         off, against = self._told_off(row, rival)
         if len(rival.wrong) > 1:
             each = ", ".join(f"{self.relocator.names[c]} {timed(off[c])}" for c in rival.wrong)
             count = f"{len(rival.wrong)} of {len(self.heard(row))} arrivals"
             text = f"{count} are off together against {against}: {each}"
-            return replace(said, cause="together", text=text + self._still(row, mended_m))
+            return replace(place_cause, cause="together", text=text + self._still(row, mended_m))
         channel = rival.wrong[0]
         name = self.relocator.names[channel]
         text = f"{name} was picked {timed(off[channel])} against {against}"
@@ -769,7 +778,9 @@ class PositionErrorCause:
         remedy = self.healer.by_pick(row, [channel])
         cause = "late" if off[channel] > 0 else "early"
         off_ms = float(off[channel]) * 1e3
-        return replace(said, cause=cause, text=text, channel=name, off_ms=off_ms, remedy=remedy)
+        return replace(
+            place_cause, cause=cause, text=text, channel=name, off_ms=off_ms, remedy=remedy
+        )
 
     def _sensor_alone(self, row: int, rival: Rival) -> bool:
         """Whether sensors are all that an account blames, or mending them is enough."""
@@ -817,34 +828,34 @@ class PositionErrorCause:
     ) -> PlaceCause:
         """Say why a place is bad of which the arrivals are right to their noise."""
         following = blamed[0] if blamed else None
-        said = self._beside(right, following)
+        place_cause = self._beside(right, following)
         failed = self.relocator.located.failed(row)
         if failed is not None and not self._error_m(row) > self.healer.tolerance_m:
-            return replace(said, cause="gate", text=below(failed))
+            return replace(place_cause, cause="gate", text=below(failed))
         scattered = self._scattered(row, right)
         # true arrivals that say so as well need less beside them
         normal = SURELY if scattered[0] == "unclear" else USUALLY
         if right.misfit > chi_square_quantile(max(len(self.heard(row)) - 1, 1), normal):
-            return replace(said, cause=scattered[0], text=scattered[1])
+            return replace(place_cause, cause=scattered[0], text=scattered[1])
         if self._counts_signs():
             cause, text = self._open_signs(row, missing)
         else:
             cause, text = self._open(row, missing)
-        return replace(said, cause=cause, text=text)
+        return replace(place_cause, cause=cause, text=text)
 
     def _scattered(self, row: int, right: Rival) -> tuple[str, str]:
         """Return cause and text where arrivals are not right and nothing says which are."""
-        heard, truth = self.heard(row), self.truth_off_s[row]
-        off = truth if np.isfinite(truth[heard]).all() else right.off_s
-        wrong = [c for c in heard if abs(truth[c] - self.latency_s) > self.least_off_s]
+        received, truth = self.heard(row), self.truth_off_s[row]
+        off = truth if np.isfinite(truth[received]).all() else right.off_s
+        wrong = [c for c in received if abs(truth[c] - self.latency_s) > self.least_off_s]
         if len(wrong) > 1:
             each = ", ".join(f"{self.relocator.names[c]} {timed(off[c])}" for c in wrong)
             return "together", (
-                f"{len(wrong)} of {len(heard)} arrivals are off together against the true "
+                f"{len(wrong)} of {len(received)} arrivals are off together against the true "
                 f"arrivals: {each}"
             )
-        worst = max(heard, key=lambda c: abs(right.off_s[c]))
-        size_s = float(np.sqrt((right.off_s[heard] ** 2).sum() / max(len(heard) - 1, 1)))
+        worst = max(received, key=lambda c: abs(right.off_s[c]))
+        size_s = float(np.sqrt((right.off_s[received] ** 2).sum() / max(len(received) - 1, 1)))
         return "unclear", (
             f"the arrivals scatter by {size_s * 1e3:.2f} ms about the curve, "
             f"{self.noise_s * 1e3:.2f} ms is usual, and nothing explains that better: the worst, "
@@ -858,12 +869,12 @@ class PositionErrorCause:
 
     def _open_signs(self, row: int, missing: Sequence[MissingChannel]) -> tuple[str, str]:
         """Say what the signs of arrivals leave open, or which contradict the truth."""
-        located, heard = self.relocator.located, self.heard(row)
+        located, received = self.relocator.located, self.heard(row)
         texts = contradictions(self.relocator, row, self.healer.reference)
         if located.ties[row] > 1:
             texts = [f"{located.ties[row]} regions fit equally well", *texts]
-        if len(heard) < len(self.relocator.names) and len(heard) <= tdoa.POWER_LAW_UNKNOWNS:
-            text = f"only {len(heard)} arrivals ({self._names(heard)})"
+        if len(received) < len(self.relocator.names) and len(received) <= tdoa.POWER_LAW_UNKNOWNS:
+            text = f"only {len(received)} arrivals ({self._names(received)})"
             wanted = tdoa.POWER_LAW_UNKNOWNS + 1
             cause, text = self._lacking(text, row, min(wanted, len(self.relocator.names)), missing)
             return cause, "; ".join([text, *texts])
@@ -872,44 +883,46 @@ class PositionErrorCause:
 
     def _open(self, row: int, missing: Sequence[MissingChannel]) -> tuple[str, str]:
         """Say how far the places reach that fit the arrivals as well, if the truth is one."""
-        heard, times = self.heard(row), self.relocator.arrivals.times_s[row]
+        received, times = self.heard(row), self.relocator.arrivals.times_s[row]
         model = self._own_model()
         outline = np.array(self.relocator.geometry.outline, np.float64)
-        positions = self.relocator.positions[heard]
+        positions = self.relocator.positions[received]
         room = outline if len(outline) else None
         area = tdoa.lattice(self.relocator.positions, room, model.exponent, NODES)
-        least = tdoa.search(replace(area, u=area.u[heard]), positions, times[None, heard], model)
-        unit = len(heard) / self.noise_s**2
+        least = tdoa.search(
+            replace(area, u=area.u[received]), positions, times[None, received], model
+        )
+        unit = len(received) / self.noise_s**2
         above = (least.losses[0] - least.loss[0]) * unit
         fitting = area.nodes[above <= REGION]
-        truth, place = self.healer.reference.xy[row], self.relocator.located.xy[row]
-        true_above, place_above = (
-            float(self._loss_at(x, positions, times[heard], model) - least.loss[0]) * unit
-            for x in (truth, place)
+        truth, fix = self.healer.reference.xy[row], self.relocator.located.xy[row]
+        true_above, fix_above = (
+            float(self._loss_at(x, positions, times[received], model) - least.loss[0]) * unit
+            for x in (truth, fix)
         )
         noise = f"the arrivals are right to {self.noise_s * 1e3:.2f} ms"
         length_m = _length_m(fitting)
-        own, kind = self.relocator.part.spec.stage, self.healer.reference.kind
+        stage, kind = self.relocator.part.spec.stage, self.healer.reference.kind
         if not true_above <= REGION:
             return "model", (
-                f"{noise} by the recording's own curve, but {own} fits them {true_above:.1f} worse "
-                f"at the {kind} than at its best place ({REGION:g} allowed): its velocity or "
+                f"{noise} by the recording's own curve, but {stage} fits them {true_above:.1f} "
+                f"worse at the {kind} than at its best place ({REGION:g} allowed): its velocity or "
                 f"exponent is not theirs"
             )
-        free = len(heard) - (
+        free = len(received) - (
             tdoa.HYPERBOLIC_UNKNOWNS if model.slope is not None else tdoa.POWER_LAW_UNKNOWNS
         )
         left, most = float(least.loss[0]) * unit, chi_square_quantile(max(free, 1), SURELY)
         if free > 0 and left > most:
             return "model", (
-                f"{noise} by the recording's own curve, but no place fits them as {own} reckons: "
+                f"{noise} by the recording's own curve, but no place fits them as {stage} reckons: "
                 f"the best leaves {left:.1f}, noise {most:.1f} at most: its velocity or exponent "
                 f"is not theirs"
             )
-        if length_m <= self.healer.tolerance_m and not place_above <= REGION:
+        if length_m <= self.healer.tolerance_m and not fix_above <= REGION:
             return "model", (
-                f"{noise} by the recording's own curve, which fits them {place_above:.1f} worse "
-                f"where {own} puts the step than at its best place ({REGION:g} allowed)"
+                f"{noise} by the recording's own curve, which fits them {fix_above:.1f} worse "
+                f"where {stage} puts the step than at its best place ({REGION:g} allowed)"
             )
         if length_m <= self.healer.tolerance_m:
             return "noise", self._noise(row, noise)
@@ -919,11 +932,11 @@ class PositionErrorCause:
             f"places that fit them as well {shape}, the {self.healer.reference.kind} among them "
             f"({true_above:.1f} above the best, {REGION:g} allowed)"
         )
-        if len(heard) <= tdoa.POWER_LAW_UNKNOWNS and len(heard) < len(self.relocator.names):
-            text = f"only {len(heard)} arrivals ({self._names(heard)}): {fits}"
+        if len(received) <= tdoa.POWER_LAW_UNKNOWNS and len(received) < len(self.relocator.names):
+            text = f"only {len(received)} arrivals ({self._names(received)}): {fits}"
             return self._lacking(text, row, tdoa.POWER_LAW_UNKNOWNS + 1, missing)
-        if len(heard) <= tdoa.POWER_LAW_UNKNOWNS:
-            return "arrivals", f"only {len(heard)} arrivals ({self._names(heard)}): {fits}"
+        if len(received) <= tdoa.POWER_LAW_UNKNOWNS:
+            return "arrivals", f"only {len(received)} arrivals ({self._names(received)}): {fits}"
         if not line and length_m < 2 * self._error_m(row):
             return "noise", self._noise(row, noise)
         text = f"{noise}, and {fits}"
@@ -937,24 +950,24 @@ class PositionErrorCause:
         if issubclass(self.relocator.kind, PowerLaw):
             return Model(self.relocator.parameters.exponent)
         if issubclass(self.relocator.kind, Hyperbolic):
-            own = self.relocator.parameters.velocity_mps
-            velocity_mps = own or self.relocator.geometry.medium.velocity_mps
+            parameter_mps = self.relocator.parameters.velocity_mps
+            velocity_mps = parameter_mps or self.relocator.geometry.medium.velocity_mps
             assert velocity_mps  # without one it locates nothing
             return Model(1.0, 1 / float(velocity_mps))
         return Model(self.curve.exponent, self.curve.slope)
 
-    def _loss_at(self, place: Array, positions: Array, times: Array, model: Model) -> float:
-        u = np.hypot(*(positions - place).T)[:, None] ** model.exponent
+    def _loss_at(self, source: Array, positions: Array, times: Array, model: Model) -> float:
+        u = np.hypot(*(positions - source).T)[:, None] ** model.exponent
         return float(tdoa.losses(u, times[None], model)[0, 0])
 
     def _noise(self, row: int, noise: str) -> str:
         """Say how far off the worst arrival is."""
         off = self.off_s(row)
         sigma_m = self.relocator.located.sigma_m[row]
-        known = [c for c in self.heard(row) if np.isfinite(off[c])]
-        if not known:
+        channels = [c for c in self.heard(row) if np.isfinite(off[c])]
+        if not channels:
             return f"{noise}: one standard deviation is {sigma_m:.2f} m"
-        worst = max(known, key=lambda c: abs(off[c]))
+        worst = max(channels, key=lambda c: abs(off[c]))
         return (
             f"no single arrival does it: the worst, {self.relocator.names[worst]}, is "
             f"{timed(off[worst])}; one standard deviation is {sigma_m:.2f} m"
@@ -972,8 +985,8 @@ class PositionErrorCause:
 
 def _middle(late: Array) -> float:
     """Return the median of what is known; NaN without any."""
-    known = late[np.isfinite(late)]
-    return float(np.median(known)) if len(known) else float("nan")
+    finite = late[np.isfinite(late)]
+    return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def _length_m(places: Array) -> float:
@@ -1151,8 +1164,8 @@ class PlaceRemedySearch:
         if best is None:
             return None
         name = self.relocator.names[best[1]]
-        whole = self._with_row(row, best[2])
-        return self._tried(row, f"leave {name} out of this step", whole)
+        updated = self._with_row(row, best[2])
+        return self._tried(row, f"leave {name} out of this step", updated)
 
     def by_picking(self, row: int, channels: Sequence[int]) -> PlaceRemedy | None:
         """Return the smallest change of the picker's gates that gives a place more arrivals.
@@ -1222,17 +1235,19 @@ class PlaceRemedySearch:
         rows = part.between(time_ns - reach, time_ns + reach)
         names = [part.spec.channels.index(self.relocator.names[c]) for c in channels]
         rows = rows[np.isin(part.candidates.channel[rows], names) & ~part.accepted[rows]]
-        whole = self.redecider.whole_numbers(part.spec.stage)
+        integer_names = self.redecider.whole_numbers(part.spec.stage)
         for column, gate in enumerate(part.spec.gates):
-            found = np.unique(part.gate_value[rows, column].astype(np.float64))
-            values = thresholds(gate, found, whole=gate.parameter in whole)
+            measured = np.unique(part.gate_value[rows, column].astype(np.float64))
+            values = thresholds(gate, measured, is_integer=gate.parameter in integer_names)
             for value in values[:TRIES]:
                 yield part.spec.stage, gate.parameter, value
 
-    def _thresholds(self, parameter: str, gate: object, found: NDArray[np.float64]) -> list[float]:
+    def _thresholds(
+        self, parameter: str, gate: object, measured: NDArray[np.float64]
+    ) -> list[float]:
         infos = {info.name: info for info in describe(self.relocator.kind.Parameters)}
-        whole = isinstance(infos[parameter].default, int)
-        return thresholds(gate, found, whole=whole)  # type: ignore[arg-type]
+        is_integer = isinstance(infos[parameter].default, int)
+        return thresholds(gate, measured, is_integer=is_integer)  # type: ignore[arg-type]
 
     def _with(self, parameter: str, value: float) -> Located:
         """Locate with one parameter changed; what was asked is remembered."""
@@ -1244,8 +1259,8 @@ class PlaceRemedySearch:
 
     def _with_row(self, row: int, one: Located) -> Located:
         """Return all places with one of them replaced."""
-        whole, single = self.relocator.located, one.block
-        block = whole.block
+        located, single = self.relocator.located, one.block
+        block = located.block
         value, accepted = block.value.copy(), block.accepted.copy()
         gate_value, margin = block.gate_value.copy(), block.margin.copy()
         value[row], accepted[row] = single.value[0], single.accepted[0]
@@ -1253,7 +1268,7 @@ class PlaceRemedySearch:
         changed = replace(
             block, value=value, gate_value=gate_value, margin=margin, accepted=accepted
         )
-        return Located(changed, whole.ties)
+        return Located(changed, located.ties)
 
     def _tried(self, row: int, change: str, located: Located) -> PlaceRemedy | None:
         if not located.block.accepted[row] or not self._near(located, row):
@@ -1275,8 +1290,8 @@ def fault_remedy_text(fault: Fault, relocator: Relocator) -> str:
     """Return in words how a sensor's fault is mended."""
     name = relocator.names[fault.channel]
     if fault.cause == "clock":
-        known = {s.channel: s.clock_offset_s for s in relocator.geometry.sensors}
-        return f"clock_offset_s = {known[name] + fault.offset_s:.4f} for {name} in the geometry"
+        offsets_s = {s.channel: s.clock_offset_s for s in relocator.geometry.sensors}
+        return f"clock_offset_s = {offsets_s[name] + fault.offset_s:.4f} for {name} in the geometry"
     x, y = fault.place
     return f"x = {x:.2f}, y = {y:.2f} for {name} in the geometry"
 
@@ -1298,9 +1313,9 @@ def contradictions(relocator: Relocator, row: int, reference: Reference) -> list
     reference
         Where somebody was; where that is unknown nothing is said.
     """
-    times, place = relocator.arrivals.times_s[row], reference.xy[row]
+    times, source = relocator.arrivals.times_s[row], reference.xy[row]
     first, second = pairs(len(times))
-    apart = np.hypot(*(relocator.positions - place).T)
+    apart = np.hypot(*(relocator.positions - source).T)
     late = times[first] - times[second]
     wrong = np.flatnonzero(late * (apart[first] - apart[second]) < 0)
     if not len(wrong):
@@ -1418,11 +1433,11 @@ def _faulty(healer: PlaceRemedySearch, fault: Fault) -> SensorFault:
 
 def silent_sensors(judge: PositionErrorCause) -> tuple[SensorFault, ...]:
     """Return the accounts of sensors that have no arrival in most steps."""
-    lacking = np.isnan(judge.relocator.arrivals.times_s)
-    if not len(lacking):
+    missing = np.isnan(judge.relocator.arrivals.times_s)
+    if not len(missing):
         return ()
-    silent = np.flatnonzero(lacking.mean(axis=0) >= SILENT_PART)
-    return tuple(_silent(judge, int(c), np.flatnonzero(lacking[:, c])) for c in silent)
+    silent = np.flatnonzero(missing.mean(axis=0) >= SILENT_PART)
+    return tuple(_silent(judge, int(c), np.flatnonzero(missing[:, c])) for c in silent)
 
 
 def _silent(judge: PositionErrorCause, channel: int, rows: NDArray[np.intp]) -> SensorFault:

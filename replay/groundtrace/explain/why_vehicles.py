@@ -121,11 +121,11 @@ def vehicle_account(evidence: Evidence) -> VehicleAccount:
             f"{evidence.name}: expected true passes (in the recording, or --truth FILE), found "
             f"none; --at SECONDS explains a moment without truth"
         )
-    told = np.flatnonzero(part.accepted)
-    pairs = _matched(part, truth, told)
+    rows = np.flatnonzero(part.accepted)
+    pairs = _matched(part, truth, rows)
     missed = [_missed(evidence, part, truth[i]) for i in set(range(len(truth))) - set(pairs)]
     right = sorted(pairs.values())
-    false = [_false(evidence, part, int(row), right) for row in set(told) - set(right)]
+    false = [_false(evidence, part, int(row), right) for row in set(rows) - set(right)]
     reasons = sorted([*missed, *false], key=lambda r: (r.time_s, r.station))
     counts = len(pairs), len(missed), len(false)
     return VehicleAccount(evidence.name, part.spec.stage, *counts, tuple(reasons))
@@ -144,9 +144,9 @@ def vehicle_moment(evidence: Evidence, time_ns: int) -> VehicleMoment:
 
 def _telling(evidence: Evidence) -> StageEvidence:
     for emits in ("pass", "track"):
-        found = [part for part in evidence.stages if part.spec.emits == emits]
-        if found:
-            return found[-1]
+        parts = [part for part in evidence.stages if part.spec.emits == emits]
+        if parts:
+            return parts[-1]
     raise RecordingError(
         f"{evidence.name}: --kind vehicles: expected a stage that tells passes or tracks, found "
         f"none"
@@ -168,18 +168,18 @@ def _truth(labels: Sequence[Label], *, each_station: bool) -> list[_True]:
     return spans
 
 
-def _matched(part: StageEvidence, truth: list[_True], told: np.ndarray) -> dict[int, int]:
+def _matched(part: StageEvidence, truth: list[_True], rows: np.ndarray) -> dict[int, int]:
     """Return which accepted row answers which true one."""
-    if not len(told):
+    if not len(rows):
         return {}
-    cost = np.full((len(truth), len(told)), np.inf)
+    cost = np.full((len(truth), len(rows)), np.inf)
     for i, one in enumerate(truth):
-        for j, row in enumerate(told):
+        for j, row in enumerate(rows):
             time_ns = int(part.candidates.time_ns[row])
             name = part.spec.channels[int(part.candidates.channel[row])]
             if name == one.station and one.start_ns <= time_ns <= one.end_ns:
                 cost[i, j] = abs(time_ns - (one.start_ns + one.end_ns) // 2) / NS_PER_S
-    return {int(i): int(told[j]) for i, j in assign(cost, np.inf)}
+    return {int(i): int(rows[j]) for i, j in assign(cost, np.inf)}
 
 
 def _missed(evidence: Evidence, part: StageEvidence, one: _True) -> VehicleReason:
@@ -226,23 +226,27 @@ def _unheard(evidence: Evidence, one: _True, middle_ns: int) -> tuple[str, str, 
     if best is None:
         return "", "nothing was recorded then", ""
     loud, part, row = best
-    heard = f"no candidate; at its loudest {loud:.1f} dB over the noise"
+    loudest_text = f"no candidate; at its loudest {loud:.1f} dB over the noise"
     if part.accepted[row]:
-        return part.spec.stage, f"{heard}, a vehicle: it does not stand out as one of its own", ""
+        return (
+            part.spec.stage,
+            f"{loudest_text}, a vehicle: it does not stand out as one of its own",
+            "",
+        )
     stage, text, change = _rejected(part, row)
-    return stage, f"{heard}: {text}", change
+    return stage, f"{loudest_text}: {text}", change
 
 
 def _false(
     evidence: Evidence, part: StageEvidence, row: int, right: Sequence[int]
 ) -> VehicleReason:
     """Say which gate alone rejects a false pass or course at the loss of the fewest right ones."""
-    kept: dict[str, list[float]] = {r.gate: [] for r in readings(part, row)}
+    margins: dict[str, list[float]] = {r.gate: [] for r in readings(part, row)}
     for other in right:
         for r in readings(part, other):
-            kept[r.gate].append(r.margin)
+            margins[r.gate].append(r.margin)
     gates = [r for r in readings(part, row) if np.isfinite(r.value)]
-    lost = {r.gate: sum(margin <= r.margin for margin in kept[r.gate]) for r in gates}
+    lost = {r.gate: sum(margin <= r.margin for margin in margins[r.gate]) for r in gates}
     best = min(gates, key=lambda r: (lost[r.gate], r.margin / max(abs(r.threshold), 1e-9)))
     unit = unit_after(best.unit)
     # just beyond what it has, on the side that the margin comes from

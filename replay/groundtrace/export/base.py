@@ -98,12 +98,12 @@ class Material:
         RecordingError
             Where it is not there.
         """
-        found = self.recording()
-        if found is None:
+        recording = self.recording()
+        if recording is None:
             raise RecordingError(
                 f"{self.name}: expected its recording beside it, or --recording FILE, found none"
             )
-        return found
+        return recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,8 +216,8 @@ def events_of_kind(material: Material, kind: str) -> list[Any]:
 
 def time_of(event: Any) -> int:
     """Return when an event is, or begins [ns]."""
-    found: int = event.time_ns
-    return found
+    time_ns: int = event.time_ns
+    return time_ns
 
 
 def stage_of(event: object) -> str:
@@ -240,14 +240,14 @@ def misses(material: Material) -> list[Miss]:
 
     reasons = StepReasons(material.evidence(), STEP_TOLERANCE_S)
     matching = reasons.matching
-    found = []
+    wrong_steps = []
     for time_ns in matching.found_ns[matching.false].tolist():
         pair = reasons.wrong_time(time_ns)
-        found.append(Miss(time_ns, "false", "", "" if pair is None else pair.text))
+        wrong_steps.append(Miss(time_ns, "false", "", "" if pair is None else pair.text))
     for time_ns in matching.truth_ns[matching.missed].tolist():
         reason = reasons.at(time_ns)
-        found.append(Miss(time_ns, "missed", reason.cause, reason.text))
-    return sorted(found, key=time_of)
+        wrong_steps.append(Miss(time_ns, "missed", reason.cause, reason.text))
+    return sorted(wrong_steps, key=time_of)
 
 
 def there(material: Material) -> set[str]:
@@ -270,17 +270,17 @@ GROUP = "exporters"
 
 def exporters() -> tuple[dict[str, Exporter], tuple[str, ...]]:
     """Return the installed exporters by name, and why others do not load."""
-    found: dict[str, Exporter] = {}
+    installed: dict[str, Exporter] = {}
     troubles = []
     for plugin in plugins(GROUP):
         try:
-            found[plugin.name] = cast("Exporter", load(GROUP, plugin.name)())
+            installed[plugin.name] = cast("Exporter", load(GROUP, plugin.name)())
         except PluginError as error:
             troubles.append(str(error))
-    return found, tuple(troubles)
+    return installed, tuple(troubles)
 
 
-def exporter_of(known: dict[str, Exporter], path: Path, name: str | None) -> Exporter:
+def exporter_of(installed: dict[str, Exporter], path: Path, name: str | None) -> Exporter:
     """Return the exporter that is named, or else the one that a file's name means.
 
     A name without a suffix is a folder of CSV tables.
@@ -291,13 +291,17 @@ def exporter_of(known: dict[str, Exporter], path: Path, name: str | None) -> Exp
         Where there is none.
     """
     if name is not None:
-        if name not in known:
-            raise RecordingError(f"--format: expected one of {', '.join(known)}, found {name!r}")
-        return known[name]
+        if name not in installed:
+            raise RecordingError(
+                f"--format: expected one of {', '.join(installed)}, found {name!r}"
+            )
+        return installed[name]
     suffix = path.suffix.lower() if not path.is_dir() else ""
-    wanted = [e for e in known.values() if (suffix in e.suffixes if suffix else e.name == "csv")]
+    wanted = [
+        e for e in installed.values() if (suffix in e.suffixes if suffix else e.name == "csv")
+    ]
     if not wanted:
-        ends = ", ".join(end for e in known.values() for end in e.suffixes)
+        ends = ", ".join(end for e in installed.values() for end in e.suffixes)
         raise RecordingError(
             f"{path}: expected a name that ends in one of {ends}, a folder, or --format, "
             f"found {suffix or 'none'}"
@@ -449,9 +453,9 @@ def write_tables(
     (kind,) = kinds
     tables = list(tables_of(material, kind))
     if len(tables) != 1:
-        found = ", ".join(table.name for table in tables) or "none"
+        names = ", ".join(table.name for table in tables) or "none"
         raise RecordingError(
-            f"{material.name}: {kind}: expected one table for one file, found {found}; "
+            f"{material.name}: {kind}: expected one table for one file, found {names}; "
             f"-o FOLDER takes them all"
         )
     return Written({kind: write(tables[0], path)})
@@ -461,8 +465,8 @@ def iso_utc(time_ns: int) -> str | None:
     """Return a time [ns since 1970] as ISO 8601 in UTC; None where no clock of the calendar."""
     if time_ns < FIRST_DATE_NS:
         return None
-    whole, part = divmod(time_ns, NS_PER_S)
-    text = datetime.fromtimestamp(whole, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    seconds, part = divmod(time_ns, NS_PER_S)
+    text = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return f"{text}.{part:09d}Z"
 
 
@@ -596,8 +600,8 @@ def _label_cell(label: Label, name: str, start_ns: int) -> Any:
 
 def file_part(text: str) -> str:
     """Return a topic or the name of a stage as part of a file name."""
-    kept = (c if c.isalnum() or c in "-_." else "-" for c in text.strip("/"))
-    return "".join(kept) or "-"
+    characters = (c if c.isalnum() or c in "-_." else "-" for c in text.strip("/"))
+    return "".join(characters) or "-"
 
 
 def unit_part(unit: str) -> str:
@@ -611,14 +615,14 @@ def _candidate_tables(material: Material) -> Iterator[Table]:
     for event in material.events:
         if isinstance(event, CandidateBlock):
             blocks.setdefault(event.spec, []).append(event)
-    for spec, found in blocks.items():
+    for spec, spec_blocks in blocks.items():
         pairs: list[tuple[str, ColumnType]] = [*_TIMES, ("channel", "text"), ("accepted", "bool")]
         pairs += [(q.name + unit_part(q.unit), "float") for q in spec.columns]
         for gate in spec.gates:
             end = unit_part(gate.unit)
             pairs += [(f"gate_{gate.name}{end}", "float"), (f"margin_{gate.name}{end}", "float")]
         name = f"candidates-{file_part(spec.stage)}-{file_part(spec.topic)}"
-        batches = (_candidate_batch(block, material.start_ns) for block in found)
+        batches = (_candidate_batch(block, material.start_ns) for block in spec_blocks)
         yield Table(name, _columns(pairs), batches)
 
 

@@ -63,7 +63,7 @@ class FoxgloveExporter:
         paths = true_paths(material.labels) if "truth" in kinds else {}
         earth, remarks = _earth(material) if tracks else (None, ())
         sent = [*_site(material.geometry, material.start_ns)]
-        sent += [_true_path(name, known) for name, known in paths.items()]
+        sent += [_true_path(name, labels) for name, labels in paths.items()]
         sent += [_place(fix) for fix in fixes]
         for (stage, number), points in tracks.items():
             sent += _track(f"{ROOT}/tracks/{stage}/{number}", points)
@@ -100,11 +100,11 @@ def _write(path: Path, sent: Sequence[Sent]) -> None:
 
 def true_paths(labels: Sequence[Label]) -> dict[str, list[Label]]:
     """Return the labels with a place by target, in the order of time."""
-    found: dict[str, list[Label]] = {}
+    paths: dict[str, list[Label]] = {}
     for label in sorted(labels):
         if label.x_m is not None and label.y_m is not None:
-            found.setdefault(label.target, []).append(label)
-    return found
+            paths.setdefault(label.target, []).append(label)
+    return paths
 
 
 def _message(topic: str, message: Any, time_ns: int) -> Sent:
@@ -164,13 +164,13 @@ def _region_borders(geometry: Geometry) -> list[list[tuple[float, float]]]:
 
 def _sphere(
     entity: Any,
-    place: tuple[float, float, float],
+    centre: tuple[float, float, float],
     radius: float,
     colour: tuple[float, float, float, float],
 ) -> None:
     sphere = entity.spheres.add()
     position = sphere.pose.position
-    position.x, position.y, position.z = place
+    position.x, position.y, position.z = centre
     sphere.pose.orientation.w = 1.0
     sphere.size.x = sphere.size.y = sphere.size.z = 2 * radius
     _coloured(sphere, colour)
@@ -225,12 +225,12 @@ def _pose(message: Any, x_m: float, y_m: float, towards_rad: float = 0.0) -> Non
     pose.orientation.z, pose.orientation.w = math.sin(towards_rad / 2), math.cos(towards_rad / 2)
 
 
-def _true_path(name: str, known: Sequence[Label]) -> Sent:
+def _true_path(name: str, labels: Sequence[Label]) -> Sent:
     """Return where somebody truly went, from the beginning on."""
-    message = _poses(known[0].time_ns)
-    for label in known:
+    message = _poses(labels[0].time_ns)
+    for label in labels:
         _pose(message, label.x_m or 0.0, label.y_m or 0.0)
-    return _message(f"{ROOT}/truth{f'/{name}' if name else ''}", message, known[0].time_ns)
+    return _message(f"{ROOT}/truth{f'/{name}' if name else ''}", message, labels[0].time_ns)
 
 
 def _track(topic: str, points: Sequence[TrackPoint]) -> Iterator[Sent]:

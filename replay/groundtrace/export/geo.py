@@ -72,9 +72,9 @@ def earth_of(material: Material) -> Earth:
         )
     if material.origin is not None:
         return _told(material.origin)
-    found = _imported(material)
-    if found is not None:
-        return _told(found)
+    origin = _imported(material)
+    if origin is not None:
+        return _told(origin)
     plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
     _hear_first_fix(material, plane)
     if plane.origin is None:
@@ -135,8 +135,8 @@ def placed_steps(material: Material) -> tuple[list[PlacedStep], int]:
         for event in events_of_kind(material, kind):
             if isinstance(event, Fix | TrackPoint) and math.isfinite(event.x_m + event.y_m):
                 where[event.time_ns] = (event.x_m, event.y_m)
-    found = [PlacedStep(s, *where[s.time_ns]) for s in steps if s.time_ns in where]
-    return found, len(steps) - len(found)
+    placed = [PlacedStep(s, *where[s.time_ns]) for s in steps if s.time_ns in where]
+    return placed, len(steps) - len(placed)
 
 
 def fixes_of(material: Material) -> list[Fix]:
@@ -178,15 +178,15 @@ class GeoJsonExporter:
         earth = earth_of(material)
         steps, without = placed_steps(material)
         start_ns = material.start_ns
-        found: dict[str, list[Feature]] = {
+        by_kind: dict[str, list[Feature]] = {
             "tracks": list(_geojson_tracks(material, earth)),
             "fixes": [_fix(fix, earth, start_ns) for fix in fixes_of(material)],
             "steps": [_step(step, earth, start_ns) for step in steps],
         }
-        features = [f for kind, several in found.items() if kind in kinds for f in several]
+        features = [f for kind, several in by_kind.items() if kind in kinds for f in several]
         document = {"type": "FeatureCollection", "features": features}
         path.write_bytes(msgspec.json.encode(document))
-        return Written({k: len(found[k]) for k in kinds}, placed_remarks(kinds, without))
+        return Written({k: len(by_kind[k]) for k in kinds}, placed_remarks(kinds, without))
 
 
 def _feature(shape: str, coordinates: Any, **properties: Any) -> Feature:

@@ -78,7 +78,7 @@ def parts_of(stream: Stream) -> list[Part]:
     units = {
         kind: {(c.quantity, c.axis): c.unit for _, c in fields} for kind, fields in KINDS.items()
     }
-    found: list[Part] = []
+    parts: list[Part] = []
     for kind, wanted in units.items():
         have = {
             (c.quantity, c.axis): i
@@ -86,12 +86,16 @@ def parts_of(stream: Stream) -> list[Part]:
             if wanted.get((c.quantity, c.axis)) == c.unit
         }
         quantities = {quantity for quantity, _ in have}
-        whole = {key for key in wanted if key[0] in quantities} == have.keys()
-        if not have or not whole or (kind == "sensor_msgs/NavSatFix" and len(have) < len(wanted)):
+        complete = {key for key in wanted if key[0] in quantities} == have.keys()
+        if (
+            not have
+            or not complete
+            or (kind == "sensor_msgs/NavSatFix" and len(have) < len(wanted))
+        ):
             continue
-        topic = stream.topic + (_BESIDE[kind] if found else "")
-        found.append(Part(topic, kind, tuple(sorted(have.values()))))
-    return found
+        topic = stream.topic + (_BESIDE[kind] if parts else "")
+        parts.append(Part(topic, kind, tuple(sorted(have.values()))))
+    return parts
 
 
 def _write(container: Container, recording: Recording, parts: dict[str, list[Part]]) -> int:
@@ -102,7 +106,9 @@ def _write(container: Container, recording: Recording, parts: dict[str, list[Par
             named = replace(stream, topic=part.topic).select(part.columns)
             writers[stream.topic, part.kind] = (_output(part), RosWriter(part.kind, named))
     samples = 0
-    for _, block in recording.blocks([topic for topic, found in parts.items() if found]):
+    for _, block in recording.blocks(
+        [topic for topic, topic_parts in parts.items() if topic_parts]
+    ):
         for part in parts[block.topic]:
             output, writer = writers[block.topic, part.kind]
             for packet in _packets(writer, block, part):
@@ -128,8 +134,8 @@ def _remarks(recording: Recording, parts: dict[str, list[Part]]) -> list[str]:
     """Say what became what, and what ROS has no message for."""
     lines = [
         f"{part.topic} is {part.kind.replace('/', '/msg/')}"
-        for found in parts.values()
-        for part in found
+        for topic_parts in parts.values()
+        for part in topic_parts
     ]
     for stream in recording.streams:
         written = {i for part in parts[stream.topic] for i in part.columns}

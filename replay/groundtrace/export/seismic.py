@@ -157,14 +157,14 @@ class QuakeMlExporter:
         recording = material.recording()
         codes = seed_codes(recording.streams) if recording is not None else {}
         made = [_pick(core, i, p, codes) for i, p in enumerate(picks)]
-        whole = event.Event(
+        quake_event = event.Event(
             resource_id=event.ResourceIdentifier(f"{_PUBLISHER}/event/1"),
             picks=made,
             event_descriptions=[event.EventDescription(text=f"picks of {material.name}")],
             creation_info=event.CreationInfo(author="groundtrace", version=installed_version()),
         )
         catalog = event.Catalog(
-            [whole], resource_id=event.ResourceIdentifier(f"{_PUBLISHER}/catalog/1")
+            [quake_event], resource_id=event.ResourceIdentifier(f"{_PUBLISHER}/catalog/1")
         )
         content = io.BytesIO()
         with warnings.catch_warnings():
@@ -176,9 +176,9 @@ class QuakeMlExporter:
 
 def _pick(core: Any, number: int, pick: Pick, codes: dict[tuple[str, str], SeedCode]) -> Any:
     event = core.event
-    known = codes.get((pick.topic, pick.channel))
-    code = known or SeedCode("XX", station_code(pick.channel), "", "")
-    said = f"channel {pick.channel} of {pick.topic}, stage {pick.stage}, value {pick.value:g}"
+    seed_code = codes.get((pick.topic, pick.channel))
+    code = seed_code or SeedCode("XX", station_code(pick.channel), "", "")
+    comment = f"channel {pick.channel} of {pick.topic}, stage {pick.stage}, value {pick.value:g}"
     sigma_s = pick.uncertainty_s
     errors = event.QuantityError(uncertainty=sigma_s) if math.isfinite(sigma_s) else None
     return event.Pick(
@@ -194,7 +194,7 @@ def _pick(core: Any, number: int, pick: Pick, codes: dict[tuple[str, str], SeedC
         evaluation_mode="automatic",
         comments=[
             event.Comment(
-                text=said,
+                text=comment,
                 resource_id=event.ResourceIdentifier(f"{_PUBLISHER}/pick/{number + 1}/comment"),
                 force_resource_id=False,
             )
@@ -262,8 +262,8 @@ def station_code(name: str) -> str:
     named = _named(name)
     if named is not None:
         return named.station
-    kept = "".join(c for c in name.upper() if c.isascii() and c.isalnum())
-    return kept[-_LENGTHS[1] :] or "X"
+    characters = "".join(c for c in name.upper() if c.isascii() and c.isalnum())
+    return characters[-_LENGTHS[1] :] or "X"
 
 
 def _named(name: str) -> SeedCode | None:
@@ -285,17 +285,17 @@ def _made(stream: Stream, channel: Channel) -> SeedCode:
     return SeedCode("XX", station, "", band + instrument + axis)
 
 
-def obspy_part(name: str, place: str) -> Any:
+def obspy_part(name: str, where: str) -> Any:
     """Import a part of ObsPy, e.g. ``obspy.core``.
 
     Raises
     ------
     MissingReaderError
-        Where ObsPy is not installed; names ``place`` and the command that installs it.
+        Where ObsPy is not installed; names ``where`` and the command that installs it.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ObsPy's own use of importlib and matplotlib
             return import_module(name)
     except ImportError as error:
-        raise MissingReaderError(place, "obspy", "seismic") from error
+        raise MissingReaderError(where, "obspy", "seismic") from error

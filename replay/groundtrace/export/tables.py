@@ -76,8 +76,8 @@ def _texts(column: Column, values: Cells) -> list[str]:
 def seconds_text(time_ns: int) -> str:
     """Return nanoseconds as seconds, exactly."""
     sign = "-" if time_ns < 0 else ""
-    whole, part = divmod(abs(time_ns), NS_PER_S)
-    return f"{sign}{whole}.{part:09d}"
+    seconds, part = divmod(abs(time_ns), NS_PER_S)
+    return f"{sign}{seconds}.{part:09d}"
 
 
 #: Rows of a group: what readers read at once.
@@ -177,15 +177,15 @@ class AudacityExporter:
 
     def write(self, material: Material, kinds: Sequence[str], path: Path) -> Written:
         """Write a line for each moment or span, in order of time."""
-        found = {kind: list(_lines(material, kind)) for kind in kinds}
-        lines = sorted(line for several in found.values() for line in several)
+        by_kind = {kind: list(_lines(material, kind)) for kind in kinds}
+        lines = sorted(line for several in by_kind.values() for line in several)
         start_ns = material.start_ns
         text = "".join(
-            f"{seconds_text(a - start_ns)}\t{seconds_text(b - start_ns)}\t{_one_line(said)}\n"
-            for a, b, said in lines
+            f"{seconds_text(a - start_ns)}\t{seconds_text(b - start_ns)}\t{_one_line(label)}\n"
+            for a, b, label in lines
         )
         path.write_text(text, "utf-8")
-        return Written({kind: len(several) for kind, several in found.items()})
+        return Written({kind: len(several) for kind, several in by_kind.items()})
 
 
 def _lines(material: Material, kind: str) -> Iterator[Line]:

@@ -48,9 +48,9 @@ def test_without_true_steps_there_is_nothing_to_count(walk: Evidence) -> None:
 
 def test_values_are_where_candidates_are_and_the_threshold_is_among_them() -> None:
     measured = np.array([np.nan, 1.0, 2.0, 3.0, 1000.0])
-    found = tried(measured, 2.34567, 11, whole=False)
+    found = tried(measured, 2.34567, 11, is_integer=False)
     assert 2.34567 in found
     assert found == sorted(found)
     assert (found[0], found[-1], len(found)) == (1.0, 1000.0, 11)
-    assert tried(measured, 2.0, 11, whole=True)[:3] == [1.0, 2.0, 3.0]
-    assert tried(np.array([np.nan]), 5.0, 11, whole=False) == [5.0]
+    assert tried(measured, 2.0, 11, is_integer=True)[:3] == [1.0, 2.0, 3.0]
+    assert tried(np.array([np.nan]), 5.0, 11, is_integer=False) == [5.0]
