@@ -369,7 +369,7 @@ def rounded(weights: Weights) -> dict[str, object]:
     return {
         "made_by": "bench/train_step_score.py",
         "recordings": "back-steps (C. Voisard et al., IPOL 2023), mobgap example data (Mobilise-D)",
-        "usual": np.round(weights.usual, 5).tolist(),
+        "usual": np.round(weights.mean_step, 5).tolist(),
         **networks,
     }
 

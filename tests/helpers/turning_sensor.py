@@ -10,7 +10,7 @@ from made_rotations import of_vectors, running_products
 from groundtrace.inertial.attitude import HeadingParameters
 from groundtrace.inertial.frames import Samples
 from groundtrace.inertial.heading import HeadingEstimator
-from groundtrace.inertial.rotations import headings_of, turned
+from groundtrace.inertial.rotations import headings_of, rotated
 
 RATE_HZ = 100.0
 #: The earth's field, east, north, up [T].
@@ -55,8 +55,8 @@ def turning(duration_s: float = 60.0, rest_s: float = 5.0, seed: int = 3) -> Tur
     samples = Samples(
         time_ns=np.rint(t * 1e9).astype(np.int64),
         rate=rate + rng.normal(0, 0.002, (n, 3)) + np.array([0.004, -0.003, 0.005]),
-        force=turned(back, GRAVITY + shake) + rng.normal(0, 0.02, (n, 3)),
-        field=turned(back, np.broadcast_to(EARTH, (n, 3))) + rng.normal(0, 0.4e-6, (n, 3)),
+        force=rotated(back, GRAVITY + shake) + rng.normal(0, 0.02, (n, 3)),
+        field=rotated(back, np.broadcast_to(EARTH, (n, 3))) + rng.normal(0, 0.4e-6, (n, 3)),
     )
     return Turning(samples, orientation)
 
@@ -95,7 +95,7 @@ def errors_deg(case: Turning, found: Found) -> np.ndarray:
     """Errors of the x axis's heading where it is not steep [deg]; NaN elsewhere."""
     axis = np.array([1.0, 0, 0])
     steep = np.abs(
-        turned(case.orientation, np.broadcast_to(axis, (len(case.orientation), 3)))[:, 2]
+        rotated(case.orientation, np.broadcast_to(axis, (len(case.orientation), 3)))[:, 2]
     )
     off = np.degrees(np.angle(np.exp(1j * (found.heading - headings_of(case.orientation, axis)))))
     return np.where(steep < np.sin(np.radians(60)), off, np.nan)

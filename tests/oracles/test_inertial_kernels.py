@@ -21,7 +21,7 @@ from groundtrace.inertial.rotations import (
     mean_matrix,
     normalised,
     product,
-    turned,
+    rotated,
 )
 from groundtrace.inertial.strapdown import (
     ErrorStateFilter,
@@ -52,14 +52,14 @@ def test_a_frame_is_the_mean_of_its_turned_samples(seed, count):
     rate = samples.rate - bias
     turns = running_products(of_vectors(rate * dt))
     middles = product(turns, of_vectors(-0.5 * dt * rate))
-    prompt = turned(of_vectors(-delay_s * rate), samples.field)
-    still, moved = turned(middles, prompt), turned(middles, crossed(rate, prompt))
+    prompt = rotated(of_vectors(-delay_s * rate), samples.field)
+    still, moved = rotated(middles, prompt), rotated(middles, crossed(rate, prompt))
     moved = moved - moved.mean(axis=0)
     xy = float(np.sum(moved * (still - still.mean(axis=0))))
     for found, expected in (
         (frame.turns, turns),
         (frame.record["mean_turn"], mean_matrix(middles)),
-        (frame.record["force"], turned(middles, samples.force).mean(axis=0)),
+        (frame.record["force"], rotated(middles, samples.force).mean(axis=0)),
         (frame.record["field"], still.mean(axis=0)),
         (frame.record["rate"], samples.rate.mean(axis=0)),
         (frame.record["speed"], np.sqrt((rate**2).sum() / count)),
@@ -148,11 +148,11 @@ def plain_step(pose, segment):
     angles = 0.5 * (rate[1:] + rate[:-1]) * dt
     turns = product(pose.orientation, running_products(of_vectors(angles)))
     turns = np.concatenate([pose.orientation[None], turns])
-    forces = turned(turns, segment.force - pose.force_bias)
+    forces = rotated(turns, segment.force - pose.force_bias)
     pushes = 0.5 * (forces[1:] + forces[:-1]) * dt
     pushes[:, 2] -= G0_MPS2 * segment.interval_s
     gained = pushes.cumsum(axis=0)
-    place = pose.place + ((pose.velocity + gained - 0.5 * pushes) * dt).sum(axis=0)
+    place = pose.position + ((pose.velocity + gained - 0.5 * pushes) * dt).sum(axis=0)
     length = segment.length_s
     axes = matrix(normalised(0.5 * (turns[0] + turns[-1]))) * length
     force = skew(gained[-1] + np.array([0.0, 0.0, G0_MPS2 * length]))
@@ -177,7 +177,7 @@ def test_a_segment_of_a_foot_is_integrated_and_its_error_carried_as_by_matrices(
     orientation, velocity, place, transition = plain_step(pose, segment)
     np.testing.assert_allclose(step.pose.orientation, orientation, atol=1e-12)
     np.testing.assert_allclose(step.pose.velocity, velocity, atol=1e-12)
-    np.testing.assert_allclose(step.pose.place, place, atol=1e-12)
+    np.testing.assert_allclose(step.pose.position, place, atol=1e-12)
     np.testing.assert_allclose(step.transition, transition, atol=1e-12)
     foot = ErrorStateFilter(SensorNoise(), pose.orientation)
     foot.pose, foot.covariance = pose, covariance_of(rng, 15)
@@ -355,7 +355,7 @@ def test_what_a_step_shows_is_what_numpy_says(seed, count):
     rng = np.random.default_rng(seed)
     orientation = normalised(rng.normal(size=(count, 4)))
     force, axis = rng.normal(size=(count, 3)), rng.normal(size=3)
-    x, y, _ = turned(orientation, axis).T
+    x, y, _ = rotated(orientation, axis).T
     heading = kernels.strides.mean_heading(orientation, axis)
     assert heading == pytest.approx(np.unwrap(np.arctan2(y, x)).mean(), abs=1e-9)
     values, parts = np.empty((3, count)), np.empty((3, 2))

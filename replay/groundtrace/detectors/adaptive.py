@@ -202,7 +202,7 @@ class ByScore:
         """Score the points that are known; a maximum waits for those after it."""
         windows = self._windows(moving(part.force, part.gravity))
         point_scores = scores(windows.seen, trained())
-        return self._found(
+        return self._scored(
             windows, point_scores, [self._surroundings(windows.seen, point_scores, windows.step_s)]
         )
 
@@ -212,9 +212,9 @@ class ByScore:
         windows = Windows(*(np.concatenate(points) for points in zip(*ends, strict=True)))
         point_scores = scores(windows.seen, trained())
         last = self._surroundings(windows.seen, point_scores, windows.step_s)
-        return self._found(windows, point_scores, [last, self._surroundings.flush()])
+        return self._scored(windows, point_scores, [last, self._surroundings.flush()])
 
-    def _found(
+    def _scored(
         self,
         windows: Windows,
         point_scores: Scores,
@@ -390,7 +390,7 @@ class Followed(NamedTuple):
         Strength of the rhythm.
     step_s
         Step time [s].
-    usual
+    typical_swing
         Swing that is usual in that rhythm [m/s2].
     """
 
@@ -398,7 +398,7 @@ class Followed(NamedTuple):
     rise: NDArray[np.float64]
     rhythm: NDArray[np.float64]
     step_s: NDArray[np.float64]
-    usual: NDArray[np.float64]
+    typical_swing: NDArray[np.float64]
 
 
 @cache
@@ -528,28 +528,28 @@ class Peaks:
     def __init__(self, floor: float, rise: float) -> None:
         self.floor = floor
         self.rise = rise
-        self._kept = ColumnBuffer(5)
+        self._points = ColumnBuffer(5)
         self._next = 1  # a maximum has a neighbour on either side
         self._last = 0.0  # place of the peak before
 
     def __call__(self, followed: Followed) -> NDArray[np.float64]:
         """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
-        self._kept.add(np.stack(followed))
-        peaks = self._until(self._kept.end - _AHEAD)
-        self._kept.discard_before(self._next - _BACK)
+        self._points.add(np.stack(followed))
+        peaks = self._until(self._points.end - _AHEAD)
+        self._points.discard_before(self._next - _BACK)
         return peaks
 
     def flush(self) -> NDArray[np.float64]:
         """Return the peaks that waited; a maximum at the very end is not one."""
-        return self._until(self._kept.end - 1)
+        return self._until(self._points.end - 1)
 
     def _until(self, end: int) -> NDArray[np.float64]:
         if end <= self._next:
             return np.empty((0, len(COLUMNS)))
         span, self._next = (self._next, end), end
         peaks = kernels.steps.peaks(
-            self._kept.contiguous(),
-            self._kept.first,
+            self._points.contiguous(),
+            self._points.first,
             span,
             self._last,
             self.floor,

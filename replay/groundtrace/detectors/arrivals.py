@@ -212,12 +212,12 @@ class ArrivalTracker:
         back = round(settings.back_s / cell_s)
         self._maxima = LocalMaxima(channels, reach, settings.floor, back)
         self._trace = FrameTrace(1 / cell_s, channels)
-        self._whole = WholeFrames(self._trace.length * self._length)
+        self._whole_frames = WholeFrames(self._trace.length * self._length)
         self._begun = False
         self.frames = self._trace.signal
         self._reached: tuple[CompleteCells, NDArray[np.float64]] | None = None
         self._waiting = LocalMaximaWithOnset.none()  # maxima whose AIC windows are open
-        self._held = NOTHING
+        self._pending = NOTHING
         self._back = round(settings.back_s * rate_hz)
         self._windows = np.rint(np.array(settings.windows_s) * rate_hz).astype(np.intp)
         before, self._after = (int(most) for most in self._windows.max(axis=0))
@@ -225,7 +225,7 @@ class ArrivalTracker:
 
     def begun(self, block: SignalBlock) -> SignalBlock:
         """Count in the next block of the run; return it from the run's first whole frame on."""
-        block = self._whole.of(block)
+        block = self._whole_frames.of(block)
         if len(block):
             if not self._begun:
                 self._ratio.begin_at(block.first // self._length)
@@ -287,8 +287,8 @@ class ArrivalTracker:
         ready = len(waiting.peak) if final else ready
         self._waiting = waiting.part(slice(ready, None))
         if ready:
-            self._held = self._refined(waiting.part(slice(ready)))
-        return self._held if final else self._release()
+            self._pending = self._refined(waiting.part(slice(ready)))
+        return self._pending if final else self._release()
 
     def _release(self) -> Candidates:
         """Give out what no later candidate can precede, and forget the samples before that."""
@@ -302,10 +302,13 @@ class ArrivalTracker:
         if self._ratios is not None:
             self._ratios.drop_before(earliest)
         self.clock.discard_before(min(earliest, self._reached_from()))
-        count = int(np.searchsorted(self._held.time_ns, horizon_ns, side="left"))
+        count = int(np.searchsorted(self._pending.time_ns, horizon_ns, side="left"))
         if not count:
             return NOTHING
-        released, self._held = self._held.rows(slice(count)), self._held.rows(slice(count, None))
+        released, self._pending = (
+            self._pending.rows(slice(count)),
+            self._pending.rows(slice(count, None)),
+        )
         return released
 
     def _reached_from(self) -> int:
@@ -313,7 +316,7 @@ class ArrivalTracker:
         return 0 if self._reached is None else self._reached[0].first * self._length
 
     def _refined(self, rises: LocalMaximaWithOnset) -> Candidates:
-        """Return the candidates that are held, and those at the onsets of rises."""
+        """Return the pending candidates, and those at the onsets of rises."""
         if self._ratios is not None:
             anchor = self._first_over(rises, self._ratios)
             onset, deviation = np.zeros(len(anchor)), np.full(len(anchor), np.nan)
@@ -326,14 +329,14 @@ class ArrivalTracker:
         onset_sample = np.floor(onset)
         after_ns = np.rint((onset - onset_sample) * NS_PER_S / self.rate_hz).astype(np.int64)
         time_ns = np.concatenate(
-            [self._held.time_ns, self.clock.at(anchor + onset_sample.astype(np.intp)) + after_ns]
+            [self._pending.time_ns, self.clock.at(anchor + onset_sample.astype(np.intp)) + after_ns]
         )
-        channel = np.concatenate([self._held.channel, rises.channel.astype(np.int32)])
+        channel = np.concatenate([self._pending.channel, rises.channel.astype(np.int32)])
         value = np.stack([rises.value, deviation / self.rate_hz], axis=1)
         # behind a channel that was still a ratio has no bound
         value = np.minimum(value, np.finfo(np.float32).max).astype(np.float32)
         order = np.lexsort((channel, time_ns))
-        value = np.concatenate([self._held.value, value])[order]
+        value = np.concatenate([self._pending.value, value])[order]
         return Candidates(time_ns[order], channel[order], value)
 
     def _first_over(self, rises: LocalMaximaWithOnset, ratios: SampleHistory) -> Indices:

@@ -152,7 +152,7 @@ class Limits:
         columns = stream.columns_of(set(quantities))
         self._sides = {c: (_Side(1), _Side(-1)) for c in columns}
         self._steps = dict.fromkeys(columns, math.inf)
-        self._heard = 0
+        self._sample_count = 0
 
     @staticmethod
     def fits(stream: Stream) -> bool:
@@ -161,7 +161,7 @@ class Limits:
 
     def update(self, window: Window) -> None:
         """Take the next window."""
-        self._heard += len(window)
+        self._sample_count += len(window)
         for c, sides in self._sides.items():
             core = window.core[c]
             if not np.isfinite(core).any():
@@ -198,7 +198,7 @@ class Limits:
                 if flat and side.extreme > 0 and (side.extreme >= least or not worn):
                     flat_sides.append((side.sign, flat))
             if flat_sides:
-                yield _clipped(self.stream, channel, flat_sides, self._heard)
+                yield _clipped(self.stream, channel, flat_sides, self._sample_count)
 
 
 def _tops(window: Window, c: int, side: _Side, swing: float) -> Iterator[_Top]:
@@ -352,11 +352,11 @@ class Repeats:
         self.stream = stream
         self._sides = {c: (_RepeatedSide(1), _RepeatedSide(-1)) for c in stream.columns_of(WORN)}
         self._longest = max(2.0, LONGEST_S * stream.rate_hz)
-        self._heard = 0
+        self._sample_count = 0
 
     def update(self, window: Window) -> None:
         """Take the next window."""
-        self._heard += len(window)
+        self._sample_count += len(window)
         for c, sides in self._sides.items():
             if np.isfinite(window.core[c]).all() and len(window):
                 for side in sides:
@@ -385,7 +385,7 @@ class Repeats:
             f"{readable(s.sign * s.extreme * channel.scale)} {channel.unit}" for s in sides
         )
         scale = near_scale(channel, max(side.extreme for side in sides) * channel.scale)
-        share = sum(t.samples for t in tops) / self._heard
+        share = sum(t.samples for t in tops) / self._sample_count
         count = sum(t.events for t in tops)
         return Finding(
             self.stream.topic,

@@ -78,7 +78,7 @@ class HypothesisSet:
         return int(2 ** len(self.hypotheses))
 
     @property
-    def whole(self) -> int:
+    def full_set(self) -> int:
         """The subset that holds every hypothesis."""
         return self.size - 1
 
@@ -100,7 +100,7 @@ class HypothesisSet:
 
     def complement(self, subset: int) -> int:
         """Return what is not in a subset."""
-        return self.whole & ~subset
+        return self.full_set & ~subset
 
 
 def hypotheses_of(masses: NDArray[Any]) -> int:
@@ -213,9 +213,9 @@ class SensorMass:
         score = scores(combined[defined], self.criterion)
         lead[defined] = score[:, 0] - score[:, 1]
         columns = [lead, combined[:, IT], over_ignorance(combined, IT), combined[:, NONE]]
-        columns += [combined[:, FRAME.whole], k]
+        columns += [combined[:, FRAME.full_set], k]
         for m in masses:
-            columns += [m[:, IT], m[:, NONE], m[:, FRAME.whole]]
+            columns += [m[:, IT], m[:, NONE], m[:, FRAME.full_set]]
         return np.column_stack(columns)
 
 

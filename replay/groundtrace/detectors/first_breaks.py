@@ -129,21 +129,21 @@ class _Line:
     ----------
     order
         Shape (n_channels,): channel at each place along the line.
-    place
+    positions_m
         Shape (n_channels, 2): of each channel [m].
     along_m
         Shape (n_channels,): how far along the line each channel is.
     axis
         Shape (2,): direction of the line.
-    known
+    located
         Whether places are known.
     """
 
     order: NDArray[np.intp]
-    place: Array
+    positions_m: Array
     along_m: Array
     axis: Array
-    known: bool
+    located: bool
 
     @classmethod
     def of(cls, context: Context, spacing_m: float) -> _Line:
@@ -166,11 +166,11 @@ class _Line:
 
     def source_m(self, trigger: Label | None) -> tuple[float, Array] | None:
         """Return how far along the line a shot is, and from each channel; None if unknown."""
-        if trigger is None or trigger.x_m is None or trigger.y_m is None or not self.known:
+        if trigger is None or trigger.x_m is None or trigger.y_m is None or not self.located:
             return None
         position = np.array([trigger.x_m, trigger.y_m])
-        along = float((position - self.place.mean(axis=0)) @ self.axis)
-        return along, np.hypot(*(self.place - position).T)
+        along = float((position - self.positions_m.mean(axis=0)) @ self.axis)
+        return along, np.hypot(*(self.positions_m - position).T)
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,7 +104,7 @@ class StuckValues:
         self._lines = {c: Line() for c in columns}
         self._brief = frozenset(brief)
         self._long = max(CONSTANT_SAMPLES, round(CONSTANT_S * stream.rate_hz))
-        self._heard = 0
+        self._sample_count = 0
         self._fresh, self._first_run = True, True
         self._end, self._end_ns = 0, 0
 
@@ -118,7 +118,7 @@ class StuckValues:
                 line.before, line.value = float("nan"), float(window.core[c, 0])
             self._look(window, c, line)
         self._fresh = False
-        self._heard += len(window)
+        self._sample_count += len(window)
 
     def gap(self) -> None:
         """End the runs that are open."""
@@ -217,7 +217,7 @@ class StuckValues:
     def findings(self) -> Iterator[Finding]:
         """Yield what was found in each channel."""
         for c, line in self._lines.items():
-            yield from held_findings(self.stream, c, line, self._heard)
+            yield from held_findings(self.stream, c, line, self._sample_count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +305,7 @@ def held_findings(stream: Stream, column: int, line: Line, total_samples: int) -
     channel = stream.channels[column]
     if line.constant.events:
         yield _constant(stream, channel, line, total_samples)
-    rails = list(line.rails.found())
+    rails = list(line.rails.clipped_sides())
     if rails:
         yield _clipped(stream, channel, rails, total_samples)
     if line.dropouts.events:

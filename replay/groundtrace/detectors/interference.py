@@ -247,7 +247,7 @@ class Offsets:
         self.stream = stream
         self.columns = list(columns)
         self.length = max(4, round(FRAME_S * stream.rate_hz))
-        self._found = {c: FaultSpans() for c in columns}
+        self._tallies = {c: FaultSpans() for c in columns}
         self._largest = dict.fromkeys(columns, 0.0)
         self._begin()
 
@@ -294,12 +294,12 @@ class Offsets:
         size = np.abs(self._shifts)
         for row in np.flatnonzero((size[:, SIDE] > 0) & (size.argmax(axis=1) == SIDE)):
             c = self.columns[row]
-            self._found[c].add(*self._spans[SIDE], 0)
+            self._tallies[c].add(*self._spans[SIDE], 0)
             self._largest[c] = max(self._largest[c], float(self._shifts[row, SIDE]), key=abs)
 
     def findings(self) -> Iterator[Finding]:
         """Yield one finding for each channel with offset steps."""
-        for c, tally in self._found.items():
+        for c, tally in self._tallies.items():
             if tally.events:
                 channel = self.stream.channels[c]
                 yield Finding(
@@ -368,21 +368,21 @@ class Spikes:
 
     def __init__(self, stream: Stream, columns: Sequence[int]) -> None:
         self.stream = stream
-        self._found = {c: FaultSpans() for c in columns}
+        self._tallies = {c: FaultSpans() for c in columns}
         self._highest = dict.fromkeys(columns, 0.0)
-        self._heard = 0
+        self._sample_count = 0
 
     def update(self, window: Window) -> None:
         """Take the next window."""
-        self._heard += len(window)
-        for c in self._found:
+        self._sample_count += len(window)
+        for c in self._tallies:
             row = window.values[c]
             worn = 1.0 if self.stream.channels[c].quantity in SEISMIC_QUANTITIES else WORN
             for at in _spikes(row, worn):
                 index = at - window.left
                 if 0 <= index < len(window):
                     span = window.time_ns(index), window.time_ns(index + 1)
-                    self._found[c].add(*span, 1)
+                    self._tallies[c].add(*span, 1)
                     height = float(abs(row[at] - (row[at - 1] + row[at + 1]) / 2))
                     self._highest[c] = max(self._highest[c], height)
 
@@ -391,7 +391,7 @@ class Spikes:
 
     def findings(self) -> Iterator[Finding]:
         """Yield one finding for each channel with spikes."""
-        for c, tally in self._found.items():
+        for c, tally in self._tallies.items():
             if not tally.events:
                 continue
             channel = self.stream.channels[c]
@@ -402,7 +402,7 @@ class Spikes:
                 tally.start_ns,
                 tally.end_ns,
                 tally.events,
-                tally.samples / self._heard,
+                tally.samples / self._sample_count,
                 f"single samples far off {times(tally.events)}, up to "
                 f"{level(channel, self._highest[c])} high",
                 "each may be picked as an onset on this channel, which alone makes no step",

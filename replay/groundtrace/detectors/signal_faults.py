@@ -325,7 +325,7 @@ class Rails:
                 return True
         return False
 
-    def found(self) -> Iterator[tuple[float, FaultSpans]]:
+    def clipped_sides(self) -> Iterator[tuple[float, FaultSpans]]:
         """Yield the level and the flat tops of each side that is clipped."""
         for rail, sign in ((self._high, 1), (self._low, -1)):
             if rail.real:
@@ -398,21 +398,21 @@ class NonFinite:
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
-        self._found = [FaultSpans() for _ in stream.channels]
+        self._spans = [FaultSpans() for _ in stream.channels]
         self._open = np.zeros(len(stream.channels), np.bool_)
-        self._heard = 0
+        self._sample_count = 0
 
     def update(self, window: Window) -> None:
         """Take the next window."""
-        self._heard += len(window)
+        self._sample_count += len(window)
         bad = np.isnan(window.core)
         for c in np.flatnonzero(bad.any(axis=1) | self._open):
             edges = np.flatnonzero(np.diff(bad[c], prepend=False, append=False))
             for first, end in edges.reshape(-1, 2).tolist():
                 goes_on = first == 0 and self._open[c]
                 span = window.time_ns(first), window.time_ns(end)
-                self._found[c].add(*span, end - first)
-                self._found[c].events -= int(goes_on)
+                self._spans[c].add(*span, end - first)
+                self._spans[c].events -= int(goes_on)
         self._open = bad[:, -1].copy()
 
     def gap(self) -> None:
@@ -421,10 +421,10 @@ class NonFinite:
 
     def findings(self) -> Iterator[Finding]:
         """Yield one finding for each channel that has such samples."""
-        for channel, spans in zip(self.stream.channels, self._found, strict=True):
+        for channel, spans in zip(self.stream.channels, self._spans, strict=True):
             if not spans.events:
                 continue
-            share = spans.samples / self._heard
+            share = spans.samples / self._sample_count
             yield Finding(
                 self.stream.topic,
                 channel.name,

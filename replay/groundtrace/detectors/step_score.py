@@ -136,13 +136,13 @@ class Weights(NamedTuple):
         Of the likeness; its inputs are accelerations, shape (2 taps,) [m/s2].
     candidate
         Of the score; its inputs are those of :func:`surroundings`.
-    usual
+    mean_step
         The mean step: acceleration upward, then forward, shape (2 taps,) [m/s2].
     """
 
     moment: Network
     candidate: Network
-    usual: Array
+    mean_step: Array
 
 
 @cache
@@ -244,27 +244,27 @@ class SmoothedScales:
 
     def __init__(self) -> None:
         self._filters = [CentredFilter(gaussian(SMOOTH_S * scale)) for scale in SCALES]
-        self._kept = [ColumnBuffer(2) for _ in SCALES]
+        self._buffers = [ColumnBuffer(2) for _ in SCALES]
 
     def __call__(self, pair: Array) -> Array:
         """Take points, shape (2, n); return those that all scales have, shape (2 scales, m)."""
-        for smooth, buffer in zip(self._filters, self._kept, strict=True):
+        for smooth, buffer in zip(self._filters, self._buffers, strict=True):
             buffer.add(smooth(pair))
         return self._common()
 
     def flush(self) -> Array:
         """Return the points up to the end."""
-        for smooth, buffer in zip(self._filters, self._kept, strict=True):
+        for smooth, buffer in zip(self._filters, self._buffers, strict=True):
             left = smooth.flush()
             if left.shape[1]:
                 buffer.add(left)
         return self._common()
 
     def _common(self) -> Array:
-        start = self._kept[0].first
-        end = min(buffer.end for buffer in self._kept)
-        points = np.concatenate([buffer.between(start, end) for buffer in self._kept])
-        for buffer in self._kept:
+        start = self._buffers[0].first
+        end = min(buffer.end for buffer in self._buffers)
+        points = np.concatenate([buffer.between(start, end) for buffer in self._buffers])
+        for buffer in self._buffers:
             buffer.discard_before(end)
         return points
 
@@ -401,7 +401,7 @@ class Scores(NamedTuple):
 def scores(seen: Array, weights: Weights) -> Scores:
     """Return what the network says of windows, shape (n, 2 taps)."""
     return Scores(
-        *kernels.steps.scores(seen, *weights.moment[:3], weights.usual, weights.moment[3])
+        *kernels.steps.scores(seen, *weights.moment[:3], weights.mean_step, weights.moment[3])
     )
 
 
@@ -423,27 +423,27 @@ class ScorePeaks:
     """Finds the local maxima of the likeness."""
 
     def __init__(self) -> None:
-        self._kept = ColumnBuffer(4)
+        self._points = ColumnBuffer(4)
         self._next = 1  # a maximum has a neighbour on either side
 
     def __call__(self, point_scores: Scores, step_s: Array) -> Array:
         """Take points; return the candidates whose surroundings are complete, (n, PEAKS)."""
-        self._kept.add(np.stack([*point_scores, step_s]))
-        peaks = self._until(self._kept.end - _NEAR)
-        self._kept.discard_before(self._next - _NEAR)
+        self._points.add(np.stack([*point_scores, step_s]))
+        peaks = self._until(self._points.end - _NEAR)
+        self._points.discard_before(self._next - _NEAR)
         return peaks
 
     def flush(self) -> Array:
         """Return the candidates that waited; a maximum at the very end is not one."""
-        return self._until(self._kept.end - 1)
+        return self._until(self._points.end - 1)
 
     def _until(self, end: int) -> Array:
         if end <= self._next:
             return np.empty((0, len(PEAKS)))
         span, self._next = (self._next, end), end
         peaks: Array = kernels.steps.score_peaks(
-            self._kept.contiguous(),
-            self._kept.first,
+            self._points.contiguous(),
+            self._points.first,
             span,
             LEAST_LIKENESS,
             APART_STEPS,

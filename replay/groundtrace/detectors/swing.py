@@ -61,7 +61,7 @@ class SwingParameters:
 
 @dataclass(slots=True)
 class _State:
-    whole: WholeFrames
+    whole_frames: WholeFrames
     walking: WalkingSignal
     trace: FrameTrace
     signal: CentredWindow
@@ -131,7 +131,7 @@ class SwingDetector(Stage):
     def process(self, block: SignalBlock) -> Measured:
         """Find the swings; each waits until the machine would be at rest again."""
         state = self.state
-        block = state.whole.of(block)
+        block = state.whole_frames.of(block)
         if not len(block):
             return Measured(Candidates.empty(len(self.columns)), state.trace.nothing())
         norm, y = state.walking(block)

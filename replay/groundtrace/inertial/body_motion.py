@@ -32,7 +32,7 @@ from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 from .. import kernels
 from .attitude import Attitude, AttitudeNoise, HeadingFrames, HeadingParameters
 from .heading import HeadingEstimator, joined
-from .rotations import turned
+from .rotations import rotated
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -125,7 +125,7 @@ class LevelFrameTracker:
         return -(2**62) if self._motion is None else int(self._motion.time_ns[-1])
 
     @property
-    def felt(self) -> LevelFrameMotion:
+    def history(self) -> LevelFrameMotion:
         """What is remembered; there must be some."""
         assert self._motion is not None  # a frame was taken
         return self._motion
@@ -147,11 +147,11 @@ class LevelFrameTracker:
         waiting = self._waiting[0]
         self._waiting = [waiting.rows(count, len(waiting))]
         samples = waiting.rows(0, count)
-        force, field_ = (turned(frames.orientation, x) for x in (samples.force, samples.field))
+        force, field_ = (rotated(frames.orientation, x) for x in (samples.force, samples.field))
         force[:, 2] -= G0_MPS2
         rested_s = self._rested(frames)
         new = LevelFrameMotion(samples.time_ns, frames.orientation, force, field_, rested_s)
-        self._motion = new if self._motion is None else _joined(self._kept(new), new)
+        self._motion = new if self._motion is None else _joined(self._recent(new), new)
 
     def _rested(self, frames: HeadingFrames) -> Array:
         """Return how long the sensor has been at rest by each sample [s]."""
@@ -159,7 +159,7 @@ class LevelFrameTracker:
         each_s = np.repeat(frames.resting / self.rate_hz, frames.lengths)
         return np.cumsum(np.concatenate([[before_s], each_s]))[1:]
 
-    def _kept(self, new: LevelFrameMotion) -> LevelFrameMotion:
+    def _recent(self, new: LevelFrameMotion) -> LevelFrameMotion:
         """Return what is not older than any step to come, by when the newest portion begins."""
         assert self._motion is not None  # something came before
         oldest_ns = int(new.time_ns[0]) - round(MEMORY_S * NS_PER_S)
@@ -244,7 +244,7 @@ class WalkingAxis:
         self.scatter = (self.keep * aa + a * a, self.keep * ar + a * r, self.keep * rr + r * r)
         self.drive = (_KEEP_SIGN * self.drive[0] + a, _KEEP_SIGN * self.drive[1] + r)
 
-    def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rotated(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return accelerations ahead, to the right and up about the axis, shape (3, n)."""
         angle, out = self.angle_rad, values.copy()
         cos, sin = math.cos(angle), math.sin(angle)

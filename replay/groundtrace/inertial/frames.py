@@ -228,7 +228,7 @@ class SensorAligner:
             self.add("magnetic_field", time_ns, field * self._field_scale)
 
     @property
-    def held(self) -> int:
+    def held_count(self) -> int:
         """How many samples were not finite."""
         return sum(holder.count for holder in self._holders.values())
 

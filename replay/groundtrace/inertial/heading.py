@@ -431,7 +431,7 @@ class HeadingStage(Stage):
         self._spans = DisturbedSpans(context.stage, round(self.parameters.join_s * NS_PER_S))
         self._aligner = SensorAligner()
         self._due_ns: int | None = None
-        self._told: frozenset[str] = frozenset()
+        self._noted_texts: frozenset[str] = frozenset()
         self._turning = False
         return ("field",)
 
@@ -442,8 +442,8 @@ class HeadingStage(Stage):
             return
         self._turning = True
         remark = self._aligner.remark
-        if remark and remark not in self._told:
-            self._told |= {remark}
+        if remark and remark not in self._noted_texts:
+            self._noted_texts |= {remark}
             yield Note(block.start_ns, remark, "WARN", self._stage)
         yield from self._frames(self._filter.add(self._aligner.take()))
 
@@ -501,8 +501,8 @@ class HeadingStage(Stage):
         """Yield what a person should know, each once."""
         for frame_index, texts in frames.notes.items():
             for text in texts:
-                if text not in self._told:
-                    self._told |= {text}
+                if text not in self._noted_texts:
+                    self._noted_texts |= {text}
                     time_ns = int(frames.time_ns[frames.first[frame_index + 1] - 1])
                     yield Note(time_ns, f"{self._topic}: {text}", "INFO", self._stage)
 

@@ -97,13 +97,13 @@ class InsTrajectory:
         self._swings: deque[float] = deque(maxlen=SWINGS)
         self._knots: list[FilterHistory] = []
         self._compass = FootCompass()
-        self._told: list[TrackPoint] = []
+        self._ready_points: list[TrackPoint] = []
         self._set()
 
     @property
-    def place(self) -> Array:
+    def position(self) -> Array:
         """Where the foot is, shape (3,) [m]."""
-        return self.filter.pose.place
+        return self.filter.pose.position
 
     @property
     def usual_mps(self) -> float:
@@ -152,7 +152,7 @@ class InsTrajectory:
         Returns
         -------
         The segment where that is, or the number of segments; and whether the foot stood before it.
-        Points wait for :meth:`told`.
+        Points wait for :meth:`take_points`.
         """
         state, settings, at, full = self.filter.state, self.filter.settings, start, True
         state["stands"], s = stands, segments
@@ -166,9 +166,9 @@ class InsTrajectory:
             self._add(knots[:count].copy(), NO_NIS)
         return at, bool(state["stands"])
 
-    def told(self) -> list[TrackPoint]:
+    def take_points(self) -> list[TrackPoint]:
         """Return the points that are known by now."""
-        points, self._told = self._told, []
+        points, self._ready_points = self._ready_points, []
         return points
 
     def _set(self) -> None:
@@ -231,14 +231,14 @@ class InsTrajectory:
         shown = accepted is True or bool(point_is_due)
         if shown or stands or rests or lost:
             self._remember(segment.time_ns, shown, predicted, spread, nis)
-        return self.told()
+        return self.take_points()
 
     def _face(self, segment: Segment) -> None:
         """Hold the heading of a standing foot by the field, where that is asked for."""
         if self.parameters.magnetometer:
             angle = self._compass.turned_by(self.filter.pose.orientation, segment.field)
             if angle is not None:
-                self.filter.update(self.filter.turned(angle, sigma_of(segment.length_s)))
+                self.filter.update(self.filter.vertical_turn(angle, sigma_of(segment.length_s)))
 
     def flush(self) -> list[TrackPoint]:
         """Return where the track ends, and the track smoothed, as far as not said yet."""
@@ -269,7 +269,7 @@ class InsTrajectory:
 
     def _add(self, knots: FilterHistory, nis: float) -> None:
         """Keep knots; say the points of those that are shown, and what is smoothed by then."""
-        self._told += self._points(knots, self.stage, nis)
+        self._ready_points += self._points(knots, self.stage, nis)
         if not (self.parameters.smooth and len(knots)):
             return
         begin, times, longest_ns = 0, knots["time_ns"].tolist(), self.parameters.smooth_s * NS_PER_S
@@ -277,7 +277,7 @@ class InsTrajectory:
             first = int(self._knots[0]["time_ns"][0]) if self._knots else times[begin]
             if times[index] - first > longest_ns:
                 self._knots.append(knots[begin : index + 1])
-                self._told += self._smoothed()[:-1]
+                self._ready_points += self._smoothed()[:-1]
                 self._knots, begin = [knots[index : index + 1]], index + 1
         if begin < len(knots):
             self._knots.append(knots[begin:])
@@ -444,7 +444,7 @@ class FootNavigator(Stage):
         self._standing: list[Segment] = []
         self._stands = False
         self._rate_told = False
-        self._held = HeldRates()
+        self._held_rates = HeldRates()
 
     @property
     def pose(self) -> Pose | None:
@@ -461,7 +461,7 @@ class FootNavigator(Stage):
             text = f"no track: expected three axes of {' and '.join(QUANTITIES)}, found others"
             raise CannotStart(text if stream.placement else "")
         self._columns, self._topic, self._holder = columns, context.topic, NonFiniteHold()
-        self._held = HeldRates()
+        self._held_rates = HeldRates()
         self._segments = segments_of(self.parameters, stream.rate_hz)
         self.begin(context.stage, context.tracks.next())
         return ("foot",)
@@ -484,9 +484,9 @@ class FootNavigator(Stage):
         for segments in self._segments.flush():
             yield from self._navigate(segments)
         yield from self.finish()
-        if self._held.count > 1:
-            text = f"{self._topic}: {self._held.summary()}"
-            yield Note(self._held.longest_ns, text, "WARN", self.stage)
+        if self._held_rates.count > 1:
+            text = f"{self._topic}: {self._held_rates.summary()}"
+            yield Note(self._held_rates.longest_ns, text, "WARN", self.stage)
         if self._holder.count:
             text = f"{self._topic}: {self._holder.count} samples not finite, last value held"
             yield Note(self._holder.last_ns, text, "WARN", self.stage)
@@ -497,11 +497,11 @@ class FootNavigator(Stage):
 
     def _navigate(self, segments: SegmentRun) -> Iterator[Output]:
         """Go on by segments, each with which a stance may begin decided before the next."""
-        at, previous_count = 0, self._held.count
-        self._held.add(segments)
-        if self._held.count and not previous_count:
-            text = f"{self._topic}: {self._held.warning()}"
-            yield Note(self._held.first_ns, text, "WARN", self.stage)
+        at, previous_count = 0, self._held_rates.count
+        self._held_rates.add(segments)
+        if self._held_rates.count and not previous_count:
+            text = f"{self._topic}: {self._held_rates.warning()}"
+            yield Note(self._held_rates.first_ns, text, "WARN", self.stage)
         while at < len(segments):
             at, points = self.go_on(segments, at)
             yield from points
@@ -525,7 +525,7 @@ class FootNavigator(Stage):
         if walk is None or self.parameters.magnetometer:
             return start, []
         at, self._stands = walk.go_on(segments, start, stands=self._stands)
-        return at, walk.told()
+        return at, walk.take_points()
 
     def measure(self, segment: Segment) -> Candidates:
         """Go on by a segment; return the stance that may begin with it, or none."""
@@ -543,7 +543,7 @@ class FootNavigator(Stage):
             return none
         seen = walk.stillness(segment)
         speed = float(np.linalg.norm(seen.value)) / walk.usual_mps
-        row = [stillness, seen.distance, speed, swung_s, *walk.place[:2]]
+        row = [stillness, seen.distance, speed, swung_s, *walk.position[:2]]
         return Candidates(
             np.array([segment.time_ns], np.int64),
             np.zeros(1, np.int32),

@@ -33,7 +33,7 @@ from .. import kernels
 from ..pipeline.gates import Level
 from .attitude import EARTH, IRON
 from .heading_baselines import turn_about_vertical
-from .rotations import turned, wrap_angle
+from .rotations import rotated, wrap_angle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -112,7 +112,7 @@ class Compass:
         Frames in a row that speak for the clean belief, and for that of other iron.
     plain_s
         For how long fields have passed all tests but that of the iron [s].
-    blamed, turned
+    blamed, iron_turned
         The other iron's field where it was blamed first, earth frame, shape (3,) [T]; whether it
         has turned far from there and explained what was seen.
     clean_covariance
@@ -129,7 +129,7 @@ class Compass:
     for_iron: int = 0
     plain_s: float = 0.0
     blamed: Array = field(default_factory=lambda: np.zeros(3))
-    turned: bool = False
+    iron_turned: bool = False
     clean_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     watched: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -180,8 +180,8 @@ class Compass:
         self.for_clean = self.for_clean + 1 if frame["tests"][0] * TESLA < miss else 0
         iron = frame["earth_turn"] @ (state["hard_iron"] - state["clean_iron"])
         lengths = float(np.linalg.norm(iron) * np.linalg.norm(self.blamed))
-        self.turned |= explained and float(iron @ self.blamed) < TURNED * lengths
-        of_place = self.plain_s >= self.parameters.plain_s and not self.turned
+        self.iron_turned |= explained and float(iron @ self.blamed) < TURNED * lengths
+        of_place = self.plain_s >= self.parameters.plain_s and not self.iron_turned
         plain = self.for_clean >= TO_CLEAN or of_place
         if self.for_iron < TO_BELIEVE or plain:
             return 0.0
@@ -237,7 +237,7 @@ class Compass:
         north, up = state["earth_field"].tolist()
         state["hard_iron"] = back @ (frame["earth_field"] - [0.0, north, up])
         self.blamed = frame["earth_turn"] @ (state["hard_iron"] - state["clean_iron"])
-        self.turned = False
+        self.iron_turned = False
         slope = np.zeros((3, kernels.attitude.SIZE))
         slope[:, 0] = back[:, 2] * north - back[:, 1] * up
         slope[:, 1], slope[:, 2] = back[:, 0] * up, -back[:, 0] * north
@@ -464,7 +464,7 @@ class Calibration:
 
     ellipsoid: Ellipsoid | None = None
     wanting: bool = False
-    _kept: list[Array] = field(default_factory=list)
+    _history: list[Array] = field(default_factory=list)
     _stride: int = 1
     _seen: int = 0
     _failed: int = 0
@@ -480,13 +480,13 @@ class Calibration:
 
     def _keep(self, raws: Array) -> None:
         while len(raws):
-            first, room = -self._seen % self._stride, HISTORY + 1 - len(self._kept)
+            first, room = -self._seen % self._stride, HISTORY + 1 - len(self._history)
             taken = raws[: first + room * self._stride]
-            self._kept += list(taken[first :: self._stride])
+            self._history += list(taken[first :: self._stride])
             self._seen += len(taken)
             raws = raws[len(taken) :]
-            if len(self._kept) > HISTORY:
-                self._kept, self._stride = self._kept[::2], 2 * self._stride
+            if len(self._history) > HISTORY:
+                self._history, self._stride = self._history[::2], 2 * self._stride
 
     def watch(self, raw: Array, *, undisturbed: bool) -> bool:
         """Take a frame's field as measured, shape (3,) [T]; say whether the calibration changed."""
@@ -502,7 +502,7 @@ class Calibration:
         is_due = self.ellipsoid is None and len(raws) and self._seen >= LEAST
         if not is_due or self._seen % TRY_EVERY or self._failed < FAILING * self._seen:
             return False
-        fields = np.array(self._kept)
+        fields = np.array(self._history)
         spaced = apart(fields)
         ellipsoid = fit_ellipsoid(spaced) if len(spaced) >= LEAST_APART else None
         self.wanting = ellipsoid is None and self._failed > 2 * FAILING * self._seen
@@ -608,7 +608,7 @@ class FootCompass:
         """
         if not np.isfinite(field).all() or not field.any():
             return None
-        now = turned(orientation, field)
+        now = rotated(orientation, field)
         if self.field is None:
             self.field = now
             return None

@@ -260,9 +260,9 @@ class BodyWornSensor:
         return -(2**62) if self.motion is None else self.motion.end_ns
 
     @property
-    def held(self) -> int:
+    def held_count(self) -> int:
         """How many samples were not finite."""
-        return self._aligner.held
+        return self._aligner.held_count
 
     @property
     def remark(self) -> str:
@@ -435,7 +435,7 @@ class DeadReckoning(Stage):
             self._steps.pop(0)
             self._know(step.time_ns + LATE_NS)
             height_m = self._barometer.height_m(step.time_ns)
-            yield self._reckoner.measure(step, sensor.motion.felt, height_m)
+            yield self._reckoner.measure(step, sensor.motion.history, height_m)
 
     def _complete(self, time_ns: int) -> bool:
         """Return whether no stream can bring more of what counts for a step."""
@@ -464,7 +464,7 @@ class DeadReckoning(Stage):
             yield Note(self._sensors[-1].end_ns, f"{topic}: {field_note}", "INFO", stage)
         for remark in dict.fromkeys(sensor.remark for sensor in self._sensors if sensor.remark):
             yield Note(self._sensors[-1].end_ns, remark, "WARN", stage)
-        if held_count := sum(sensor.held for sensor in self._sensors):
+        if held_count := sum(sensor.held_count for sensor in self._sensors):
             text = f"{topic}: {held_count} samples not finite, last value held"
             yield Note(self._sensors[-1].end_ns, text, "WARN", stage)
 
@@ -473,7 +473,7 @@ def _has_pressure(stream: Stream) -> bool:
     return any(c.quantity == "pressure" and c.unit == "Pa" for c in stream.channels)
 
 
-#: Weight of a step's field in the usual one, once there were some. Chosen by judgement: fifty
+#: Weight of a step's field in the reference, once there were some. Chosen by judgement: fifty
 #: steps.
 NEWEST = 0.02
 #: The earth's field has a horizontal part of at least about this, where a compass works [T]. Chosen
@@ -483,13 +483,13 @@ LEAST_T = 5e-6
 
 @dataclass(slots=True)
 class FieldDirection:
-    """Compares the field of each step with the usual one.
+    """Compares the field of each step with the reference of the steps before.
 
     Attributes
     ----------
     parameters
         Of the reckoning.
-    usual
+    reference
         Horizontal and vertical part of the field so far [T]; None before the first step.
     steps
         How many steps that rests on.
@@ -498,7 +498,7 @@ class FieldDirection:
     """
 
     parameters: ReckoningParameters
-    usual: tuple[float, float] | None = None
+    reference: tuple[float, float] | None = None
     steps: int = 0
     directions: complex = 0j
 
@@ -525,7 +525,7 @@ class FieldDirection:
         flat = math.hypot(east, north)
         if not math.isfinite(flat + up) or flat == 0:
             return None, math.nan
-        before = (flat, up) if self.usual is None else self.usual
+        before = (flat, up) if self.reference is None else self.reference
         off = math.hypot(flat - before[0], up - before[1])
         self._learn(flat, up, before)
         self.directions += complex(east, north) / flat
@@ -539,7 +539,7 @@ class FieldDirection:
     def _learn(self, flat: float, up: float, before: tuple[float, float]) -> None:
         self.steps += 1
         weight = max(NEWEST, 1 / self.steps)
-        self.usual = (
+        self.reference = (
             before[0] + weight * (flat - before[0]),
             before[1] + weight * (up - before[1]),
         )

@@ -32,7 +32,7 @@ class Fix:
     """A known place, shape (2,) [m], when, and its standard deviation per axis [m]."""
 
     time_ns: int
-    place: Array
+    position: Array
     sigma_m: float
 
 
@@ -108,7 +108,7 @@ class Track:
             before = self._go(self._strides.count - 1, self._strides.count)
         if settled:
             self._settled, self._fixes = True, []
-        return [self._point(self._knots.moment(-1), before, self.stage), *self._due()]
+        return [self._point(self._knots.moment(-1), before, self.stage), *self._smoothed_batch()]
 
     def fix(self, time_ns: int, position: Array, sigma_m: float) -> list[TrackPoint]:
         """Take in where the walker was at a time, shape (2,) [m]; return the point."""
@@ -119,7 +119,10 @@ class Track:
         nis = self._meet(fix)
         if not self._settled:
             self._fixes.append((self._strides.count, fix))
-        return [self._point(self._knots.moment(-1), before, self.stage, nis), *self._due()]
+        return [
+            self._point(self._knots.moment(-1), before, self.stage, nis),
+            *self._smoothed_batch(),
+        ]
 
     def flush(self) -> list[TrackPoint]:
         """Return the track smoothed, as far as not said yet."""
@@ -148,7 +151,7 @@ class Track:
         """Turn a track that is lost, and all that is remembered of it, towards a known place."""
         one, knots = self.filter, self._knots
         if one.lost:
-            angle_rad = one.angle_to(fix.place, fix.sigma_m) or 0.0
+            angle_rad = one.angle_to(fix.position, fix.sigma_m) or 0.0
             state = (one.state, one.covariance, one.origin)
             kernels.reckoning.turn_track(*state, angle_rad, knots.rows[: knots.count])
 
@@ -183,14 +186,14 @@ class Track:
         one, knots = self.filter, self._knots
         waited = one.wait(max(0, fix.time_ns - self.time_ns) / NS_PER_S)
         knots.add(fix.time_ns, one.state, one.covariance, waited)
-        nis = one.fix(fix.place, fix.sigma_m)
+        nis = one.fix(fix.position, fix.sigma_m)
         last = knots.rows[knots.count - 1]
         last["state"], last["covariance"] = one.state, one.covariance
         if not self.smooth_s:
             knots.keep_last()
         return nis
 
-    def _due(self) -> list[TrackPoint]:
+    def _smoothed_batch(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough."""
         if not self._settled:
             return []

@@ -259,7 +259,7 @@ class PlacementWatch:
         self._columns += columns_of_axes(stream, "angular_velocity")
         self._holder = NonFiniteHold()
         self._windows = 0
-        self._found: list[Array] = []
+        self._window_measures: list[Array] = []
         self.topic = stream.topic
         self.stated = stream.placement
         self.known_ns = 0
@@ -274,12 +274,12 @@ class PlacementWatch:
     @property
     def done(self) -> bool:
         """Whether more signal would change nothing."""
-        return self._windows >= MOST_HEARD or len(self._found) >= MOST_WALKED
+        return self._windows >= MOST_HEARD or len(self._window_measures) >= MOST_WALKED
 
     def gap(self) -> None:
         """Forget the window that was begun."""
         self._grid: UniformResampler | None = None
-        self._kept = ColumnBuffer(len(self._columns))
+        self._samples = ColumnBuffer(len(self._columns))
         self._start_ns = 0
 
     def update(self, block: SignalBlock) -> None:
@@ -290,27 +290,27 @@ class PlacementWatch:
             self._grid = UniformResampler(block.stream.rate_hz, CUTOFF_HZ)
             self._start_ns = block.start_ns
         values = planar(self._holder.held(block))[self._columns]
-        self._kept.add(self._grid(block.sample_times(), values).values)
+        self._samples.add(self._grid(block.sample_times(), values).values)
         points = round(WINDOW_S * GRID_HZ)
-        while self._kept.end - self._kept.first >= points and not self.done:
-            first = self._kept.first
-            self._look(self._kept.between(first, first + points), first + points)
-            self._kept.discard_before(first + points // 2)
+        while self._samples.end - self._samples.first >= points and not self.done:
+            first = self._samples.first
+            self._look(self._samples.between(first, first + points), first + points)
+            self._samples.discard_before(first + points // 2)
 
     def _look(self, window: Array, end: int) -> None:
         self._windows += 1
         measured = _measured(window)
         if measured is not None:
-            self._found.append(measured)
+            self._window_measures.append(measured)
             self.known_ns = self._start_ns + round(end / GRID_HZ * NS_PER_S)
 
     def guess(self) -> PlacementGuess | None:
         """Return the guess; None without enough walking."""
-        if len(self._found) < _FEWEST:
+        if len(self._window_measures) < _FEWEST:
             return None
-        medians = np.median(self._found, axis=0).tolist()
+        medians = np.median(self._window_measures, axis=0).tolist()
         swing, turning, swinging, rests, tilt, once, face = medians
-        walked_s = (len(self._found) + 1) * WINDOW_S / 2
+        walked_s = (len(self._window_measures) + 1) * WINDOW_S / 2
         has_gyroscope = not math.isnan(turning)
         return guessed(
             Measures(

@@ -34,7 +34,7 @@ def normalised(q: Array) -> Array:
     return np.asarray(q / np.sqrt(np.einsum("...i,...i", q, q))[..., None])
 
 
-def turned(q: Array, vectors: Array) -> Array:
+def rotated(q: Array, vectors: Array) -> Array:
     """Return vectors, shape (..., 3), turned by quaternions, shape (..., 4)."""
     w, u = q[..., :1], q[..., 1:]
     twice = 2 * crossed(u, vectors)
@@ -80,7 +80,7 @@ def levelled(force: Array) -> Array:
 
 def headings_of(q: Array, axis: Array) -> Array:
     """Return the direction of a body axis in the horizontal plane [rad], shape (n,)."""
-    pointing = turned(q, np.broadcast_to(axis, (*q.shape[:-1], 3)))
+    pointing = rotated(q, np.broadcast_to(axis, (*q.shape[:-1], 3)))
     return np.arctan2(pointing[..., 1], pointing[..., 0])
 
 

@@ -524,7 +524,9 @@ class StepWindowCollector:
         """Take the next step."""
         self._steps.append(step)
 
-    def told(self, *, final: bool = False) -> Iterator[tuple[StepEvent, list[tuple[float, ...]]]]:
+    def complete_steps(
+        self, *, final: bool = False
+    ) -> Iterator[tuple[StepEvent, list[tuple[float, ...]]]]:
         """Yield the steps whose candidates are known by now, and these row by row.
 
         That is all steps where the run ends.
@@ -811,7 +813,7 @@ class StepTypes(Stage):
         self, follower: StepWindowCollector, *, final: bool = False
     ) -> Iterator[Candidates]:
         """Yield the candidates of the steps around which all is known."""
-        complete_steps = list(follower.told(final=final))
+        complete_steps = list(follower.complete_steps(final=final))
         self._decided = [step for step, _ in complete_steps]
         if complete_steps:
             yield Candidates(
@@ -845,7 +847,7 @@ class StepTypes(Stage):
         swing = step_swing(strip, PHASE)
         if swing is not None:
             self.axis.add(swing)
-        strip = self.axis.turned(strip)
+        strip = self.axis.rotated(strip)
         angle = self.axis.angle_rad
         return Shape(time_ns, step_s, frontal(strip, swing), lateral(strip), angle)
 

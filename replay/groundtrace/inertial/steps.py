@@ -383,7 +383,7 @@ class TangentPlane:
     at: tuple[float, float] = (0.0, 0.0)
     origin: tuple[float, float] | None = None
 
-    def place(self, latitude: float, longitude: float) -> tuple[float, float]:
+    def map_position(self, latitude: float, longitude: float) -> tuple[float, float]:
         """Return the place of a fix on the map [m]; angles in rad."""
         if self.origin is None:
             self.origin = (latitude, longitude)
@@ -423,7 +423,7 @@ def satellite_fixes(
     degrees = np.radians(block.values[:, list(columns)])
     times = block.sample_times().tolist()
     return [
-        PositionReference(time_ns, *plane.place(float(lat), float(lon)), sigma_m)
+        PositionReference(time_ns, *plane.map_position(float(lat), float(lon)), sigma_m)
         for time_ns, (lat, lon) in zip(times, degrees, strict=True)
         if math.isfinite(lat + lon)
     ]

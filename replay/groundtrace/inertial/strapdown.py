@@ -51,7 +51,7 @@ class Pose:
     ----------
     orientation
         Unit quaternion, body to earth, shape (4,).
-    velocity, place
+    velocity, position
         Shape (3,) [m/s], [m].
     gyro_bias, force_bias
         In the sensor's axes, shape (3,) [rad/s], [m/s2].
@@ -59,14 +59,14 @@ class Pose:
 
     orientation: Array
     velocity: Array = field(default_factory=lambda: np.zeros(3))
-    place: Array = field(default_factory=lambda: np.zeros(3))
+    position: Array = field(default_factory=lambda: np.zeros(3))
     gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
     force_bias: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
     def row(self) -> Array:
         """All of it, one after the other, shape (16,)."""
-        parts = (self.orientation, self.velocity, self.place, self.gyro_bias, self.force_bias)
+        parts = (self.orientation, self.velocity, self.position, self.gyro_bias, self.force_bias)
         return np.concatenate(parts)
 
     @classmethod
@@ -81,7 +81,7 @@ class Pose:
         return Pose(
             normalised(product(turn, self.orientation)),
             self.velocity + error[SPEED],
-            self.place + error[PLACE],
+            self.position + error[PLACE],
             self.gyro_bias + error[GYRO],
             self.force_bias + error[FORCE],
         )
@@ -253,7 +253,7 @@ class ErrorStateFilter:
         """Return what a velocity of zero says."""
         return self._innovation(SPEED, -self.pose.velocity, sigma_mps)
 
-    def turned(self, angle_rad: float, sigma_rad: float) -> Innovation:
+    def vertical_turn(self, angle_rad: float, sigma_rad: float) -> Innovation:
         """Return what it says that the frame has turned by an angle about the vertical."""
         pick = np.zeros((1, STATES))
         pick[0, TURN.stop - 1] = 1.0

@@ -130,10 +130,10 @@ class VqfPeer:
 
     def _values(self, samples: Samples, orientation: Array) -> Array:
         """Return how far norm and dip of the last sample are off, and VQF's verdict."""
-        from .rotations import turned
+        from .rotations import rotated
 
         inner = self._filter.inner
-        east, north, up = turned(orientation[-1], samples.field[-1]).tolist()
+        east, north, up = rotated(orientation[-1], samples.field[-1]).tolist()
         norm = math.hypot(east, north, up) / TESLA
         dip = math.atan2(-up, math.hypot(east, north))
         off = abs(math.degrees(dip - inner.getMagRefDip()))

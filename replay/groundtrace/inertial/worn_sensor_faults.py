@@ -262,13 +262,13 @@ class WornImu:
             if quantity in self._anything:
                 # what the odd one out is judged by has nothing against the gyroscope
                 against = bool(findings) and (odd is None or odd.seen_by(quantity))
-                text = _said(judge, spreads, worse, contradicted=against)
+                text = _check_text(judge, spreads, worse, contradicted=against)
             else:
                 text = "not checked: it is zero in all samples"
             yield AxisCheck(self.turning.topic, quantity, len(spreads), worse, text)
 
 
-def _said(judge: Judge | None, spreads: Spreads, worse: int, *, contradicted: bool) -> str:
+def _check_text(judge: Judge | None, spreads: Spreads, worse: int, *, contradicted: bool) -> str:
     """Return one line of what a judge could find out."""
     windows = f"{len(spreads)} windows of {spreads.window_s:g} s"
     if judge is None:
@@ -486,7 +486,7 @@ class Judge:
         ``acceleration`` or ``magnetic_field``.
     gain
         Logarithm of the stated spread over a rival's, shape (n_windows, 48).
-    kept
+    relative_gain
         The same of spreads over the length that is left, mean, shape (48,).
     still
         Logarithm of the spread without turning over a rival's, mean, shape (48,).
@@ -496,7 +496,7 @@ class Judge:
 
     quantity: str
     gain: Array
-    kept: Array
+    relative_gain: Array
     still: Array
     spreads: Spreads
 
@@ -519,14 +519,14 @@ class Judge:
         A field that moves with the sensor (iron in it) stands stillest with no turning at all, and
         judges no axes.
         """
-        mean, errors = told(self.gain)
-        fits: Mask = (mean > RATIO) & (errors > ERRORS) & (self.kept > 0)
+        mean, errors = mean_and_errors(self.gain)
+        fits: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)
         return fits if self.quantity == "acceleration" else fits & (self.still > 0)
 
     @property
     def worse(self) -> int:
         """How many of the 47 rivals fit worse than what is stated."""
-        mean, errors = told(self.gain)
+        mean, errors = mean_and_errors(self.gain)
         return int(((mean < -RATIO) & (errors < -ERRORS)).sum())
 
     @property
@@ -535,7 +535,7 @@ class Judge:
         return self.quantity == "magnetic_field" and bool((self.still <= 0).all())
 
 
-def told(values: Array) -> tuple[Array, Array]:
+def mean_and_errors(values: Array) -> tuple[Array, Array]:
     """Return means over windows, and how many standard errors they are from 0."""
     mean = values.mean(axis=0)
     error = values.std(axis=0, ddof=1) / math.sqrt(len(values))
@@ -648,11 +648,13 @@ def contradiction(judges: Sequence[Judge]) -> Contradiction | None:
         if maps[k].changes == maps[first].changes and maps[k].quantity not in reported:
             reported.add(maps[k].quantity)
             others.append(maps[k])
-    clearest = max(range(len(judges)), key=lambda n: told(judges[n].gain)[1][seen[first][n]])
+    clearest = max(
+        range(len(judges)), key=lambda n: mean_and_errors(judges[n].gain)[1][seen[first][n]]
+    )
     # an acceleration or a field turned round altogether is the same to its judge
     distinct = {tuple(seen[k]) for k in equal}
     named = {tuple(seen[first]), *(tuple(o.seen_by(j.quantity) for j in judges) for o in others)}
-    mean, errors = (x[seen[first][clearest]] for x in told(judges[clearest].gain))
+    mean, errors = (x[seen[first][clearest]] for x in mean_and_errors(judges[clearest].gain))
     return Contradiction(
         maps[first],
         tuple(others),
@@ -705,8 +707,8 @@ def wrong_unit(spreads: Spreads) -> WrongUnit | None:
     turning = float(np.median(spreads.turning))
     for index, (called, fits) in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s")), 1):
         rivals = units[:, index]
-        gain, errors = told(stated[:, None] - rivals)
-        over, over_errors = told(still[:, None] - rivals)
+        gain, errors = mean_and_errors(stated[:, None] - rivals)
+        over, over_errors = mean_and_errors(still[:, None] - rivals)
         better = (gain > RATIO) & (errors > ERRORS)
         seen = better & (over > RATIO) & (over_errors > ERRORS)
         impossible = better & (gain > TOO_FAR) & (SCALES[index] < 1 and turning > TOO_FAST_RADPS)
@@ -822,7 +824,7 @@ class Spreads:
     last_ns: int = 0
     _rows: Array = field(default_factory=lambda: np.empty((0, 6)))
     _means: list[Array] = field(default_factory=list)
-    _place: int = 0
+    _window_index: int = 0
     _every: int = 1
 
     def __len__(self) -> int:
@@ -837,12 +839,12 @@ class Spreads:
         self._rows = np.concatenate([self._rows, rows])
         count = round(self.window_s * rate_hz)
         while len(self._rows) >= count:
-            if self._place % self._every == 0:
+            if self._window_index % self._every == 0:
                 self._judge(self._rows[:count], rate_hz)
                 self.last_ns = end_ns - round((len(self._rows) - count) / rate_hz * NS_PER_S)
                 began_ns = self.last_ns - round((count - 1) / rate_hz * NS_PER_S)
                 self.first_ns = self.first_ns or began_ns
-            self._place += 1
+            self._window_index += 1
             self._rows = self._rows[count // 2 :]
 
     def _judge(self, rows: Array, rate_hz: float) -> None:

@@ -627,7 +627,7 @@ def _foot(options: WalkOptions, plan: Plan, who: Person, time_s: Array) -> Motio
     rides = tuple(idle for idle in plan.idles if idle.activity == "ride")
     if rides:
         add_idle(sway, replace(plan, fidget_s=(), idles=rides), options.seed, time_s)
-    acceleration = second_derivative(steps.place, time_s) + sway.acceleration
+    acceleration = second_derivative(steps.position, time_s) + sway.acceleration
     return Motion(acceleration, Rotation.from_euler("ZYX", steps.angle + sway.angle))
 
 
@@ -657,7 +657,7 @@ _HEEL_OFF = 0.25  # before the toes leave the floor, in steps
 class FootMotion:
     """Place along x, y, up [m] and yaw, pitch, roll [rad], each of shape (n, 3)."""
 
-    place: Array
+    position: Array
     angle: Array
 
 

@@ -295,7 +295,7 @@ def simulate_line(options: LineOptions | None = None) -> Simulation:
         sources=[(stream, "i32le", blocks)],
         geometry=Geometry(sensors=sensors, sources=points),
         labels=tuple(sorted(labels, key=lambda x: (x.time_ns, x.kind, x.channel))),
-        metadata=described("line", options) | {"line": _said(line)},
+        metadata=described("line", options) | {"line": _description(line)},
     )
 
 
@@ -304,7 +304,7 @@ def _names(count: int) -> tuple[str, ...]:
     return tuple(f"G{i:0{width}d}" for i in range(1, count + 1))
 
 
-def _said(line: Line) -> dict[str, str]:
+def _description(line: Line) -> dict[str, str]:
     """Return what was drawn, as text."""
     settings = {name: str(value) for name, value in asdict(line.settings).items()}
     layers = [f"{v:.0f} m/s" for v in line.ground.speed_mps.tolist()]

@@ -236,7 +236,7 @@ class NodeSite:
         y = along * unit[..., 1] + across * unit[..., 0]
         return np.stack([x, y, waves.real], axis=-1)
 
-    def said(self) -> dict[str, str]:
+    def metadata(self) -> dict[str, str]:
         """Return what was drawn, for the metadata."""
         names = ("velocity_mps", "dispersion", "spreading", "quality", "colour", "speed_mps")
         return {name: f"{getattr(self, name):.4g}" for name in names}
@@ -266,7 +266,7 @@ class Source(Protocol):
         """Return from when to when it is felt [s]."""
         ...
 
-    def felt(self, site: NodeSite, time_s: Array) -> Array:
+    def response(self, site: NodeSite, time_s: Array) -> Array:
         """Return what channels feel, shape (n, n_nodes, n_components)."""
         ...
 
@@ -304,7 +304,7 @@ class Ride:
         near = time_s[near_m <= max(_REACH_M, 1.5 * float(near_m.min()))]
         return (float(near[0]), float(near[-1])) if len(near) else (0.0, 0.0)
 
-    def felt(self, site: NodeSite, time_s: Array) -> Array:
+    def response(self, site: NodeSite, time_s: Array) -> Array:
         """Return what channels feel: axle by axle, band by band."""
         from scipy.signal import butter, hilbert, sosfiltfilt
 
@@ -374,7 +374,7 @@ def rides_of(options: VehicleOptions, site: NodeSite, rng: Generator) -> list[Ri
         ahead[:2] = True, False
     stops = set(rng.choice(count, min(options.stops or 0, count), replace=False).tolist())
     rides: list[Ride] = []
-    car_level = _usual(site)
+    car_level = _car_level(site)
     for number in np.argsort(times, kind="stable").tolist():
         kind = _KINDS[int(rng.choice(len(_KINDS), p=[k[1] for k in _KINDS]))]
         speed = float(np.clip(site.speed_mps * kind[6] * np.exp(_SPREAD * rng.standard_normal()),
@@ -420,7 +420,7 @@ def _ride(
     return Ride(vehicle, name, level, axles, body, wheel, rough, -_REACH_M)
 
 
-def _usual(site: NodeSite) -> float:
+def _car_level(site: NodeSite) -> float:
     """Return the root of the greatest power, over a second, that nodes feel of a car at 10 m/s."""
     car = next(kind for kind in _KINDS if kind[0] == "car")
     time_s = np.arange(-4.0, 4.0, 1 / 200)
@@ -430,7 +430,7 @@ def _usual(site: NodeSite) -> float:
         drive = Drive(lane, 0.0, lane.nearest_m(position), (0.0,), (10.0,), True)
         vehicle = Vehicle("", drive, 0.0, ())
         ride = Ride(vehicle, car[0], 1.0, car[3], car[4], car[5], site.rough, -_REACH_M)
-        power = (ride.felt(site, time_s) ** 2).mean(axis=(1, 2))
+        power = (ride.response(site, time_s) ** 2).mean(axis=(1, 2))
         powers.append(float(np.convolve(power, np.ones(200) / 200, "valid").max()))
     return float(np.sqrt(np.median(powers)))
 
@@ -447,7 +447,7 @@ class Blow:
         far_m = float(np.hypot(*(site.places - (b.x_m, b.y_m)).T).max())
         return b.time_s, b.time_s + far_m / site.wave_mps(b.frequency_hz) + 8 * b.decay_s
 
-    def felt(self, site: NodeSite, time_s: Array) -> Array:
+    def response(self, site: NodeSite, time_s: Array) -> Array:
         """Return what channels feel: a swing that rises within a quarter of a period and decays."""
         b = self.burst
         away = site.places - (b.x_m, b.y_m)
@@ -547,7 +547,7 @@ class Gust:
         middles = self._middles(site)
         return float(middles.min() - self.lasts_s), float(middles.max() + self.lasts_s)
 
-    def felt(self, site: NodeSite, time_s: Array) -> Array:
+    def response(self, site: NodeSite, time_s: Array) -> Array:
         """Return what channels feel: noise of their own, under an envelope that comes along."""
         from scipy.signal import butter, oaconvolve, sosfilt
 
@@ -572,7 +572,7 @@ def swells_of(
     gusts: list[Gust] = []
     far: list[Ride] = []
     truck = _KINDS[-1]
-    car_level = _usual(site)
+    car_level = _car_level(site)
     for number in range(options.swells or 0):
         time_s = float(rng.uniform(0, options.length_s))
         if rng.random() < 0.5:
@@ -645,7 +645,7 @@ class NodeSignal:
             while waiting and waiting[-1][0] < first + size:
                 start, stop, source = waiting.pop()
                 time_s = np.arange(start, stop) / rate
-                active.append((start, source.felt(self.site, time_s) * self.site.gains))
+                active.append((start, source.response(self.site, time_s) * self.site.gains))
             active = [(start, x) for start, x in active if start + len(x) > first]
             for start, x in active:
                 a, b = max(first, start), min(first + size, start + len(x))

@@ -98,7 +98,7 @@ def _beside_nodes(options: VehicleOptions) -> Simulation:
         metadata=described("vehicle", options)
         | {
             "vehicle_kind": {ride.vehicle.name: ride.kind for ride in signal.rides},
-            "site": site.said(),
+            "site": site.metadata(),
         },
     )
 

@@ -89,14 +89,14 @@ class RoadSignal:
             for one in waves:
                 if one.lasts(time_s):
                     moved += one.response(time_s)
-            for burst in self._heard(time_s):
+            for burst in self._bursts_during(time_s):
                 moved += burst_felt(burst, time_s, self.ground, self.channels)
             measured = (sense(moved) + next(noise)) * self.gains
             counts = np.rint(measured[: total - first] / self.stream.scales)
             samples = np.clip(counts, -32768, 32767).astype(np.int16)
             yield SignalBlock(self.stream, START_NS, first, samples)
 
-    def _heard(self, time_s: Array) -> list[Burst]:
+    def _bursts_during(self, time_s: Array) -> list[Burst]:
         """Return the bursts that any station may feel in a block."""
         places = self.channels.places
         bursts = []
@@ -203,15 +203,16 @@ class Frames:
 
     hop: int
     draw: Callable[[int], NDArray[np.complex128]]
-    _kept: dict[int, Complex] = field(default_factory=dict, init=False)
+    _frames: dict[int, Complex] = field(default_factory=dict, init=False)
 
     def samples(self, first: int, count: int) -> Complex:
         """Return ``count`` samples from sample ``first``, which may be negative."""
         low, high = first // self.hop - 1, (first + count - 1) // self.hop
         frames = {
-            k: self._kept[k] if k in self._kept else self._faded(k) for k in range(low, high + 1)
+            k: self._frames[k] if k in self._frames else self._faded(k)
+            for k in range(low, high + 1)
         }
-        self._kept = frames
+        self._frames = frames
         columns = frames[low].shape[1]
         total = np.zeros(((high - low + 2) * self.hop, columns), np.complex128)
         for k, frame in frames.items():

@@ -152,7 +152,7 @@ class RunWorker(CycleStage):
         super().__init__(parameters)
         self._tracks = 0
         self._origin_ns = 0
-        self._found: tuple[VehicleTrajectory, ...] = ()
+        self._rides: tuple[VehicleTrajectory, ...] = ()
 
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin without a run."""
@@ -172,7 +172,7 @@ class RunWorker(CycleStage):
 
     def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
         """Yield the track of an accepted run, the lines it crosses, and whether to doubt it."""
-        for ride, good in zip(self._found, accepted, strict=False):
+        for ride, good in zip(self._rides, accepted, strict=False):
             if good:
                 self._tracks += 1
                 way = TrackOrigin(self._tracks, self._stage, self._origin_ns)
@@ -189,7 +189,7 @@ class RunWorker(CycleStage):
             )
             yield Note(time_ns, text, "WARN", self._stage)
         expected = self.parameters.expected_scatter
-        if len(self._found) == 1 and ride.scatter > expected:
+        if len(self._rides) == 1 and ride.scatter > expected:
             text = (
                 f"the scatter about this course is {ride.scatter:.2f} where {expected:g} at most "
                 f"is expected: perhaps two vehicles"
@@ -201,7 +201,7 @@ class RunWorker(CycleStage):
         """Return what the run was, nothing where the powers do not tell."""
 
     def _candidate(self, run: list[StationPowers]) -> Candidates:
-        self._found = ()
+        self._rides = ()
         if not run:
             return candidates_of([], len(self.columns))
         rides = self.rides(observed_of(run, self.site, self.parameters.exponent))
@@ -211,7 +211,7 @@ class RunWorker(CycleStage):
         self._origin_ns = run[0].time_ns
         middles = [float(ride.times_s[len(ride.times_s) // 2]) for ride in rides]
         order = sorted(range(len(rides)), key=lambda i: middles[i])
-        self._found = tuple(rides[i] for i in order)
+        self._rides = tuple(rides[i] for i in order)
         rows = [
             (self._origin_ns + round(middles[i] * 1e9), 0, list(rides[i].values)) for i in order
         ]
@@ -606,7 +606,7 @@ def lines_of(site: Stations, text: str = "") -> tuple[Line, ...]:
     """
     lines = []
     if text:
-        lines.append(_told(text))
+        lines.append(_parsed_line(text))
     lines += [Line("road", a, b) for a, b in pairwise(site.road)]
     order = sorted(range(len(site.names)), key=lambda i: site.names[i])
     for _, members in groupby(order, key=lambda i: re.sub(r"\d+$", "", site.names[i])):
@@ -620,7 +620,7 @@ def lines_of(site: Stations, text: str = "") -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _told(text: str) -> Line:
+def _parsed_line(text: str) -> Line:
     try:
         (x0, y0), (x1, y1) = (map(float, point.split(",")) for point in text.split())
     except ValueError:
@@ -640,7 +640,7 @@ def crossing_of(
     crossing = course.crossing(line.start, line.end) if steep >= _STEEP else None
     if crossing is None or not crossing.inside or not span_s[0] <= crossing.time_s <= span_s[1]:
         return
-    x, y = crossing.place.tolist()
+    x, y = crossing.position.tolist()
     yield LineCrossing(
         way.origin_ns + round(crossing.time_s * NS_PER_S),
         crossing.time_sigma_s,

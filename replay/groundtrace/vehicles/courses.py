@@ -137,11 +137,11 @@ class CourseFit:
     def cautious(self) -> Course:
         """The course with a covariance that takes in the rivals, each by how likely it is."""
         best = self.course
-        centre = np.concatenate([best.place, best.velocity])
+        centre = np.concatenate([best.position, best.velocity])
         total, weights = best.covariance.copy(), 1.0
         for rival, lost in self.rivals:
             weight = float(np.exp(_log_volume(rival) - _log_volume(best) - lost))
-            off = np.concatenate([rival.place, rival.velocity]) - centre
+            off = np.concatenate([rival.position, rival.velocity]) - centre
             total += weight * (rival.covariance + np.outer(off, off))
             weights += weight
         return replace(best, covariance=total / weights)
@@ -205,7 +205,7 @@ def vehicle_power(observed: Observed, fit: CourseFit) -> Array:
     """Return the mean power of a vehicle of one strength, shape (c, n); 0 where there is none."""
     model = _Model(observed, each_mu=False)
     ahead = model.time_s - fit.course.time_s
-    position = fit.course.place + ahead * fit.course.velocity
+    position = fit.course.position + ahead * fit.course.velocity
     power: Array = np.zeros(observed.powers.shape)
     power[model.used] = model.unit_power(np.concatenate([position, fit.course.velocity]))
     power *= np.exp(fit.log_mu[0])
@@ -219,7 +219,7 @@ def _log_volume(course: Course) -> float:
 def _differ(one: Course, other: Course) -> bool:
     """Return whether two courses are apart by more than they err."""
     sigma = np.sqrt(np.diag(one.covariance))
-    off = np.abs(np.concatenate([one.place - other.place, one.velocity - other.velocity]))
+    off = np.abs(np.concatenate([one.position - other.position, one.velocity - other.velocity]))
     return bool((off > _ALIKE_M + _ALIKE * sigma).any())
 
 
@@ -338,7 +338,7 @@ class Search:
         From slowest to fastest [m/s].
     places, headings, speeds
         How many of each: places along either axis.
-    kept
+    refined
         How many of the best, each from another place or heading, are refined.
     """
 
@@ -348,7 +348,7 @@ class Search:
     places: int = 9
     headings: int = 16
     speeds: int = 5
-    kept: int = 12
+    refined: int = 12
 
     @classmethod
     def about(cls, sensors: Array, margin: float = 0.75) -> Search:
@@ -394,7 +394,7 @@ def starts(observed: Observed, search: Search, each_mu: bool) -> Array:
     for course in courses[order]:
         if all(_apart(course, other, apart) for other in retained):
             retained.append(course)
-            if len(retained) == search.kept:
+            if len(retained) == search.refined:
                 break
     return np.array(retained)
 
@@ -636,5 +636,5 @@ def _beside(
 
 def _middle_s(fit: CourseFit, centre: Array) -> float:
     course = fit.course
-    ahead = (centre - course.place) @ course.velocity / course.speed_mps**2
+    ahead = (centre - course.position) @ course.velocity / course.speed_mps**2
     return float(course.time_s + ahead)

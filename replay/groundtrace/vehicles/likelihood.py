@@ -113,7 +113,7 @@ class CyclePlace:
 
     def log_likelihood(self, places: Array) -> Array:
         """Return the logarithm of (7) at places, shape (...) from (..., 2) [m]."""
-        detecting = self._heard()
+        detecting = self._detecting()
         unit = PowerLaw(1.0, self.law.exponent, self.law.loss_per_m)
         spread = unit.power(ranges(places, self.sensors[detecting]))
         a = self.powers[detecting] / spread
@@ -142,7 +142,7 @@ class CyclePlace:
             offsets = step * np.stack(np.meshgrid(reach, reach), axis=-1)
             near = position + offsets
             position = near.reshape(-1, 2)[best_node(self.log_likelihood(near))]
-        sensor_count = int(self._heard().sum())
+        sensor_count = int(self._detecting().sum())
         x, y = position.tolist()
         return LocationEstimate(
             x, y, self._covariance(position), self._residual(position), sensor_count
@@ -161,13 +161,13 @@ class CyclePlace:
         return np.asarray(np.linalg.inv(hessian), np.float64)
 
     def _residual(self, position: Array) -> float:
-        detecting = self._heard()
+        detecting = self._detecting()
         unit = PowerLaw(1.0, self.law.exponent, self.law.loss_per_m)
         a = self.powers[detecting] / unit.power(ranges(position, self.sensors[detecting]))
         mu = self.law.mu if self.mu_known else float(profiled_mu(a, self._sigma(detecting)))
         return float(np.sqrt(np.mean((a / mu - 1) ** 2)))
 
-    def _heard(self) -> NDArray[np.bool_]:
+    def _detecting(self) -> NDArray[np.bool_]:
         return np.isfinite(self.powers) & (self.powers > 0)
 
     def _sigma(self, detecting: NDArray[np.bool_]) -> Array:
@@ -258,7 +258,7 @@ class LikelihoodPlaces(CycleStage):
 
     def __init__(self, parameters: PlaceParameters) -> None:
         super().__init__(parameters)
-        self._found: tuple[int, LocationEstimate, Surface] | None = None
+        self._latest_estimate: tuple[int, LocationEstimate, Surface] | None = None
 
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with a lattice about the stations."""
@@ -274,7 +274,7 @@ class LikelihoodPlaces(CycleStage):
     def take(self, cycle: StationPowers) -> Candidates:
         """Locate in a cycle in which any station hears a vehicle."""
         p = self.parameters
-        self._found = None
+        self._latest_estimate = None
         if not cycle.present.any():
             return candidates_of([], len(self.columns))
         counted = cycle.powers > p.least_over_floor * cycle.floors
@@ -291,7 +291,7 @@ class LikelihoodPlaces(CycleStage):
         cycle_place = CyclePlace(powers, self._site.places, law, p.mu > 0, sigmas)
         surface = cycle_place.surface(self._x, self._y)
         estimate = cycle_place.locate(surface)
-        self._found = cycle.time_ns, estimate, surface
+        self._latest_estimate = cycle.time_ns, estimate, surface
         inside = self._x[0] < estimate.x < self._x[-1] and self._y[0] < estimate.y < self._y[-1]
         # at the edge of the lattice the maximum is not one: it lies beyond
         sigma = estimate.larger_sigma_m if inside else np.inf
@@ -300,14 +300,14 @@ class LikelihoodPlaces(CycleStage):
 
     def finish(self) -> Candidates:
         """Return nothing: no cycle is held back."""
-        self._found = None
+        self._latest_estimate = None
         return candidates_of([], len(self.columns))
 
     def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
         """Yield the surface, and the place if it was accepted."""
-        if self._found is None:
+        if self._latest_estimate is None:
             return
-        time_ns, location, surface = self._found
+        time_ns, location, surface = self._latest_estimate
         yield quantised(time_ns, surface.x, surface.y, surface.values, self._stage)
         if accepted[0]:
             if self._doubt:

@@ -32,7 +32,7 @@ class Crossing:
     ----------
     time_s, time_sigma_s
         When, and its standard deviation [s].
-    place
+    position
         Where, shape (2,) [m].
     along_m, along_sigma_m
         How far from the line's first point, and its standard deviation [m].
@@ -44,7 +44,7 @@ class Crossing:
 
     time_s: float
     time_sigma_s: float
-    place: Array
+    position: Array
     along_m: float
     along_sigma_m: float
     inside: bool
@@ -59,7 +59,7 @@ class Course:
     ----------
     time_s
         t0 [s].
-    place
+    position
         z0, shape (2,) [m].
     velocity
         V, shape (2,) [m/s].
@@ -68,13 +68,13 @@ class Course:
     """
 
     time_s: float
-    place: Array
+    position: Array
     velocity: Array
     covariance: Array
 
     def at(self, times_s: Array) -> Array:
         """Return the places at times, shape (..., 2) from (...) [m]."""
-        return np.asarray(self.place + self.velocity * (times_s - self.time_s)[..., None])
+        return np.asarray(self.position + self.velocity * (times_s - self.time_s)[..., None])
 
     def spread_at(self, times_s: Array) -> Array:
         """Return the covariances of those places, shape (..., 2, 2) [m^2]."""
@@ -121,8 +121,8 @@ class Course:
         rate = float(across @ self.velocity)
         if abs(rate) <= 1e-9 * self.speed_mps:
             return None
-        ahead = float(across @ (start - self.place)) / rate
-        position = self.place + ahead * self.velocity
+        ahead = float(across @ (start - self.position)) / rate
+        position = self.position + ahead * self.velocity
         # delta method: what the moment, and the way along the line, owe to (x, y, vx, vy)
         moved = np.concatenate([np.eye(2), ahead * np.eye(2)], axis=1)
         time_slope = -(across @ moved) / rate

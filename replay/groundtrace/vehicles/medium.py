@@ -336,14 +336,14 @@ def scatter_of(powers: Array, noise: Array, valid: NDArray[np.bool_], mean: Arra
         return Scatter()
     spread = _spread(off[clear])
     one, other = np.triu_indices(off.shape[1], 1)
-    shared = _alike(off[:, one].ravel(), off[:, other].ravel())
+    shared = _correlation(off[:, one].ravel(), off[:, other].ravel())
     variance = max(spread**2, _LEAST_VARIANCE)
     return Scatter(variance, float(np.clip(shared, 0, _MOST_SHARED)), autocorrelation(off))
 
 
 def autocorrelation(off: Array) -> float:
     """Return how alike what is off the mean is from a cycle to the next, shape (c, n); 0 to 0.8."""
-    return float(np.clip(_alike(off[1:].ravel(), off[:-1].ravel()), 0, _MOST_LASTING))
+    return float(np.clip(_correlation(off[1:].ravel(), off[:-1].ravel()), 0, _MOST_LASTING))
 
 
 def repeated(off: Array) -> float:
@@ -360,7 +360,7 @@ def _spread(values: Array) -> float:
     return float(high - low) / 2
 
 
-def _alike(one: Array, other: Array) -> float:
+def _correlation(one: Array, other: Array) -> float:
     """Return the correlation of pairs, by the spreads of their sums and differences."""
     both = np.isfinite(one) & np.isfinite(other)
     if both.sum() < _FEWEST:

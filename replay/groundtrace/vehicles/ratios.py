@@ -408,7 +408,7 @@ class RatioPlaces(Stage):
         self._names = tuple(rows)
         index = {c.name: i for i, c in enumerate(stream.channels)}
         self._columns = [index[name] for name in self._names]
-        self._heard = HeardCycles(context.source.channels)
+        self._cycles = HeardCycles(context.source.channels)
         if self._doubt is None:
             self._doubt = row_doubt(self._names, sensors)
         self.begin(stream.rate_hz, sensors)
@@ -417,11 +417,11 @@ class RatioPlaces(Stage):
     def process(self, item: SignalBlock | CandidateBlock) -> Iterator[Output]:
         """Take samples, and the cycles in which there is a vehicle: places and ratios are there."""
         if isinstance(item, CandidateBlock):
-            self._heard.buffer(item)
+            self._cycles.buffer(item)
             return
         samples = planar(item.select(self._columns))
         for ratios in self.add(item.sample_times(), samples):
-            noise = self._heard.noise(ratios.time_ns, self._names)
+            noise = self._cycles.noise(ratios.time_ns, self._names)
             if noise is None:
                 continue
             columns = [
@@ -431,14 +431,14 @@ class RatioPlaces(Stage):
             ]
             value = np.stack(columns, axis=-1).astype(np.float32)[None]
             yield Frames(np.array([ratios.time_ns], np.int64), value)
-            self._found = ratios.time_ns, self.locate(ratios, noise)
-            yield place_candidate(*self._found)
+            self._latest_estimate = ratios.time_ns, self.locate(ratios, noise)
+            yield place_candidate(*self._latest_estimate)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
         """Yield the place just found where it counts, and once what to doubt of it."""
         if not block.accepted[0]:
             return
-        context, (time_ns, location) = self._context, self._found
+        context, (time_ns, location) = self._context, self._latest_estimate
         if self._doubt:
             yield Note(time_ns, self._doubt, "WARN", context.stage)
             self._doubt = ""

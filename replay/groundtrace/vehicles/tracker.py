@@ -279,7 +279,7 @@ class _Run:
         self._steps = [Step(transition(t)[:n, :n], motion.noise(t)[:n, :n]) for t in intervals]
         self._times = times_s
         self._filter = LinearFilter(start, np.diag(_UNKNOWN[:n]))
-        self._kept: list[tuple[Array, Array, float]] = []
+        self._estimates: list[tuple[Array, Array, float]] = []
 
     def predict(self, cycle: int) -> None:
         step = self._steps[cycle]
@@ -289,9 +289,9 @@ class _Run:
         self._filter.update(z, h, noise)
 
     def keep(self) -> None:
-        self._kept.append((self._filter.state, self._filter.spread, self._filter.nis))
+        self._estimates.append((self._filter.state, self._filter.spread, self._filter.nis))
 
     def path(self, freedom: NDArray[np.int64]) -> Path:
-        states, spreads, nis = (np.array(rows) for rows in zip(*self._kept, strict=True))
+        states, spreads, nis = (np.array(rows) for rows in zip(*self._estimates, strict=True))
         states, spreads = smoothed(states, spreads, self._steps)
         return Path(self._times, states, spreads, nis, freedom)

@@ -187,7 +187,7 @@ class StationPasses(CycleStage):
         self._cycles: list[StationPowers] = []
         self._last_ns: int | None = None
         self._vehicles = 0
-        self._found: list[tuple[int, StationPass, RoadVehicle | None]] = []
+        self._station_passes: list[tuple[int, StationPass, RoadVehicle | None]] = []
         self._origin_ns = 0
         self._check = PlaceCheck(site.names, self._along)
         self._alone = not np.ptp(self._along) > 0
@@ -211,7 +211,7 @@ class StationPasses(CycleStage):
 
     def finish(self) -> Candidates:
         """Return the passes of the piece so far."""
-        cycles, self._cycles, self._found = self._cycles, [], []
+        cycles, self._cycles, self._station_passes = self._cycles, [], []
         active, self._last_ns = self._last_ns is not None, None
         if not active or len(cycles) < 2:
             return candidates_of([], len(self.columns))
@@ -220,13 +220,13 @@ class StationPasses(CycleStage):
         powers, steady, floors = (
             np.array([getattr(c, name) for c in cycles]) for name in ("powers", "steady", "floors")
         )
-        self._found = self._passes(times, powers, steady, floors)
-        self._found.sort(
+        self._station_passes = self._passes(times, powers, steady, floors)
+        self._station_passes.sort(
             key=lambda station_pass: (self._at_ns(station_pass[1].time_s), station_pass[0])
         )
         rows = [
             (self._at_ns(one.time_s), station, _values(one, vehicle))
-            for station, one, vehicle in self._found
+            for station, one, vehicle in self._station_passes
         ]
         return candidates_of(rows, len(self.columns))
 
@@ -274,7 +274,9 @@ class StationPasses(CycleStage):
     def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
         """Yield the accepted passes; a vehicle has two at least. Say what places contradict."""
         passes = [
-            station_pass for station_pass, good in zip(self._found, accepted, strict=True) if good
+            station_pass
+            for station_pass, good in zip(self._station_passes, accepted, strict=True)
+            if good
         ]
         passed = Counter(id(vehicle) for _, _, vehicle in passes if vehicle is not None)
         numbers: dict[int, int] = {}
@@ -365,7 +367,7 @@ class PlaceCheck:
         self._order = np.argsort(along_m, kind="stable").tolist()
         self._names, self._along = names, along_m
         self._off: list[Array] = []
-        self._said = False
+        self._reported = False
 
     def update(self, chain: Chain | None) -> None:
         """Take the chain of a vehicle, where it has one of all stations."""
@@ -379,7 +381,7 @@ class PlaceCheck:
 
     def text(self) -> str:
         """Return what is wrong, once; empty where nothing is."""
-        if self._said or len(self._off) < _CHECKS:
+        if self._reported or len(self._off) < _CHECKS:
             return ""
         off = np.array(self._off)
         middle = np.median(off, axis=0)
@@ -389,7 +391,7 @@ class PlaceCheck:
         sure = middle[long] - middle[short] > 3 * float(np.hypot(error[long], error[short]))
         if factor < _CONTRADICTS or not sure:
             return ""
-        self._said = True
+        self._reported = True
         return (
             f"the places of stations contradict the speeds: {len(off)} vehicles take "
             f"{factor:.1f} times as long for a metre from {self._leg(long)} as from "
@@ -398,9 +400,9 @@ class PlaceCheck:
 
     def unknown(self) -> str:
         """Return, once, that passes have no direction and no speed; empty after that."""
-        if self._said:
+        if self._reported:
             return ""
-        self._said = True
+        self._reported = True
         which = (
             f"{self._names[0]} is the only station with a place of its own"
             if len(self._names) == 1
@@ -503,7 +505,7 @@ def _started(
     taken = set()
     for chain in linked:
         taken |= {id(peak) for _, peak in chain.members}
-        values = observed.usual.copy()
+        values = observed.typical.copy()
         values[MOMENT] = chain.time_at(middle, observed.along_m)
         values[SLOWNESS] = np.log(max(abs(chain.slowness), _LEAST_SLOWNESS))
         values[PEAK] = np.mean([np.log(peak.power) for _, peak in chain.members])
@@ -511,7 +513,7 @@ def _started(
     for station, those in enumerate(peaks):
         for peak in those:
             if id(peak) not in taken and peak.prominence_db >= _START_DB:
-                values = observed.usual.copy()
+                values = observed.typical.copy()
                 values[PEAK] = np.log(peak.power)
                 late = observed.centred_m[station] * np.exp(values[SLOWNESS])
                 values[MOMENT] = peak.time_s - late
@@ -617,7 +619,7 @@ def own_prominences(observed: RoadPowers, fitted: Sequence[FittedVehicle]) -> li
     for number, one in enumerate(fitted):
         apart = np.abs(moments - moments[number]) > _MERGED_S
         others = (means * apart[:, None, :]).sum(axis=0)
-        left = np.where(observed.known, observed.powers - others, 0.0)
+        left = np.where(observed.valid, observed.powers - others, 0.0)
         level = 10 * np.log10(np.maximum(left, _LEFT * observed.noise))
         level = _of_three(level)
         near = np.clip(observed.widths(one.vehicle), *_NEAR_S)
@@ -643,7 +645,7 @@ def scatter_about(observed: RoadPowers, one: FittedVehicle, mean: Array) -> floa
     """Return the standard deviation of powers about a fitted mean, (c, n), while one passes."""
     moments = observed.moments(one.vehicle)
     about = np.clip(3 * observed.widths(one.vehicle), *_PASSES_S)
-    near = (np.abs(observed.times_s[:, None] - moments) <= about) & observed.known
+    near = (np.abs(observed.times_s[:, None] - moments) <= about) & observed.valid
     if not near.any():
         return float("inf")
     ratio = observed.powers[near] / mean[near]
@@ -741,8 +743,8 @@ class Stretch:
 
     def fit(self, vehicles: Sequence[Vehicle], steps: int) -> TrafficFit:
         """Fit vehicles from where they are, in so many steps at most."""
-        values = np.array([v.values for v in vehicles]).reshape(-1, len(self.observed.usual))
-        around = np.tile(self.observed.usual, (len(values), 1))
+        values = np.array([v.values for v in vehicles]).reshape(-1, len(self.observed.typical))
+        around = np.tile(self.observed.typical, (len(values), 1))
         around[:, MOMENT] = values[:, MOMENT]
         signs = tuple(v.direction for v in vehicles)
         at, damping = self._at(values, signs, around), _DAMPING[0]
@@ -764,7 +766,7 @@ class Stretch:
 
     def _at(self, values: Array, signs: tuple[int, ...], around: Array) -> _State:
         observed = self.observed
-        valid = observed.known[self.rows]
+        valid = observed.valid[self.rows]
         mean, parts, slopes = self._model(values, signs)
         variance, tempered = self.scatter.variance, self.scatter.effective
         ratio = np.where(valid, observed.powers[self.rows], mean) / mean
@@ -797,7 +799,7 @@ class Stretch:
         slopes = np.concatenate(
             [np.zeros((*mean.shape, 0)), *(s for _, s in contributions)], axis=2
         )
-        valid = self.observed.known[self.rows]
+        valid = self.observed.valid[self.rows]
         return mean, parts, np.where(valid, 1 / mean, 0.0)[:, :, None] * slopes
 
     def _finished(self, at: _State, signs: tuple[int, ...]) -> TrafficFit:
@@ -893,7 +895,7 @@ class RoadPowers:
     cycle_s: float
 
     @cached_property
-    def known(self) -> NDArray[np.bool_]:
+    def valid(self) -> NDArray[np.bool_]:
         """Where there is a power, shape (c, n)."""
         return (
             np.isfinite(self.powers)
@@ -905,7 +907,7 @@ class RoadPowers:
     @cached_property
     def noise(self) -> Array:
         """The floors, 1 where there is none, shape (c, n) [unit^2]."""
-        return np.where(self.known, self.floors, 1.0)
+        return np.where(self.valid, self.floors, 1.0)
 
     @cached_property
     def centred_m(self) -> Array:
@@ -920,9 +922,9 @@ class RoadPowers:
         return np.maximum(self.offsets_m, _LEAST_M)
 
     @cached_property
-    def usual(self) -> Array:
+    def typical(self) -> Array:
         """The values of a vehicle of which nothing is known, shape (4 + n,); its moment is 0."""
-        peak = _USUAL_OVER_FLOOR * float(np.median(self.noise[self.known]))
+        peak = _USUAL_OVER_FLOOR * float(np.median(self.noise[self.valid]))
         vehicle_values = [0.0, -np.log(_USUAL_MPS), np.log(peak), np.log(self.distances_m.mean())]
         return np.concatenate([vehicle_values, np.zeros(len(self.along_m))])
 
@@ -1036,7 +1038,7 @@ def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[FittedV
     start
         Where to start; where there is none, none is found.
     """
-    if not start or not observed.known.any():
+    if not start or not observed.valid.any():
         return ()
     scatter = Scatter()
     groups = _groups(observed, start)
@@ -1052,15 +1054,15 @@ def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[FittedV
             fits.append((stretch, fit))
         everyone = [v for group in groups for v in group]
         mean = _mean(observed, everyone, slice(None))
-        scatter = scatter_of(observed.powers, observed.noise, observed.known, mean)
+        scatter = scatter_of(observed.powers, observed.noise, observed.valid, mean)
         if sweep < _SWEEPS:
             groups = _groups(observed, everyone)
-    vehicles = [one for _, fit in fits for one in _told(observed, fit)]
+    vehicles = [one for _, fit in fits for one in _with_covariances(observed, fit)]
     return tuple(sorted(vehicles, key=lambda one: float(one.vehicle.values[MOMENT])))
 
 
-def _told(observed: RoadPowers, fit: TrafficFit) -> Iterator[FittedVehicle]:
-    size = len(observed.usual)
+def _with_covariances(observed: RoadPowers, fit: TrafficFit) -> Iterator[FittedVehicle]:
+    size = len(observed.typical)
     if not fit.vehicles:
         return
     covariance = np.asarray(np.linalg.inv(fit.information), np.float64)
@@ -1130,7 +1132,7 @@ def _changes(stretch: Stretch, fit: TrafficFit) -> Iterator[tuple[Vehicle, ...]]
     vehicles = fit.vehicles
     several = range(len(vehicles))
     for flipped in [*combinations(several, 1), *combinations(several, 2)]:
-        yield tuple(_turned(v) if i in flipped else v for i, v in enumerate(vehicles))
+        yield tuple(_reversed(v) if i in flipped else v for i, v in enumerate(vehicles))
     for i, k in combinations(several, 2):
         rest = tuple(v for j, v in enumerate(vehicles) if j not in (i, k))
         yield (*rest, *_exchanged(stretch.observed, vehicles[i], vehicles[k]))
@@ -1143,7 +1145,7 @@ def _changes(stretch: Stretch, fit: TrafficFit) -> Iterator[tuple[Vehicle, ...]]
         yield (*vehicles, more)
 
 
-def _turned(vehicle: Vehicle) -> Vehicle:
+def _reversed(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, direction=-vehicle.direction)
 
 
@@ -1161,7 +1163,7 @@ def _exchanged(observed: RoadPowers, one: Vehicle, other: Vehicle) -> Iterator[V
 
 
 def _split(stretch: Stretch, vehicle: Vehicle, signs: tuple[int, ...]) -> Iterator[Vehicle]:
-    typical = stretch.observed.usual
+    typical = stretch.observed.typical
     for sign, late_s in zip(signs, (-_APART_S, _APART_S), strict=True):
         values = vehicle.values.copy()
         values[[SLOWNESS, DISTANCE]] = typical[[SLOWNESS, DISTANCE]]
@@ -1182,7 +1184,7 @@ def smoothed(values: Array, length: int) -> Array:
 def _missing(stretch: Stretch, fit: TrafficFit) -> Iterator[Vehicle]:
     """Give vehicles where the powers of a station exceed the fitted mean most."""
     observed, rows = stretch.observed, stretch.rows
-    times, valid = observed.times_s[rows], observed.known[rows]
+    times, valid = observed.times_s[rows], observed.valid[rows]
     inside = (times >= times[0] + _INSIDE_S) & (times <= times[-1] - _INSIDE_S)
     if not inside.any():
         return
@@ -1192,6 +1194,6 @@ def _missing(stretch: Stretch, fit: TrafficFit) -> Iterator[Vehicle]:
         cycle = int(high.argmax())
         more = fit.mean[cycle, station] * max(float(np.expm1(high[cycle])), 0.1)
         for speed, sign in product(_TRIED_MPS, (1, -1)):
-            values = observed.usual.copy()
+            values = observed.typical.copy()
             values[:DISTANCE] = times[cycle] - sign * along / speed, -np.log(speed), np.log(more)
             yield Vehicle(values, sign)

@@ -100,7 +100,7 @@ def test_total_conflict_has_no_pignistic_probability() -> None:
 
 def test_a_frame_names_its_subsets() -> None:
     frame = HypothesisSet(("a", "b", "c"))
-    assert (frame.size, frame.whole) == (8, 7)
+    assert (frame.size, frame.full_set) == (8, 7)
     assert frame.subset(["a", "c"]) == 5
     assert frame.complement(5) == 2
     with pytest.raises(BeliefError, match="expected a hypothesis of a, b, c, found 'd'"):

@@ -104,7 +104,7 @@ def test_the_mounting_is_the_principal_axis_of_what_goes_with_every_step(
         assert swing is not None
         axis.add(swing)
     assert np.degrees(axis.angle_rad) == pytest.approx(mounted_deg, abs=3.0)
-    np.testing.assert_allclose(axis.turned(turned)[2], up)
+    np.testing.assert_allclose(axis.rotated(turned)[2], up)
 
 
 def test_steps_to_the_side_say_nothing_of_the_mounting() -> None:

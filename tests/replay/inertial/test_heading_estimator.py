@@ -122,9 +122,9 @@ def test_a_reference_taken_beside_a_magnet_is_replaced_when_the_sensor_turned() 
     case = turning(60.0, rest_s=10.0)
     # a magnet beside the place of rest: constant in the earth frame
     back = case.orientation * np.array([1, -1, -1, -1])
-    from groundtrace.inertial.rotations import turned
+    from groundtrace.inertial.rotations import rotated
 
-    beside = turned(back, np.broadcast_to([14e-6, 3e-6, 6e-6], (len(back), 3)))
+    beside = rotated(back, np.broadcast_to([14e-6, 3e-6, 6e-6], (len(back), 3)))
     field = case.samples.field + np.where((case.seconds < 10)[:, None], beside, 0.0)
     found = run(replace(case, samples=replace(case.samples, field=field)))
     late = case.seconds > 35

@@ -15,7 +15,7 @@ from groundtrace.detectors.zero_velocity import ZeroVelocityParameters
 from groundtrace.evaluation.positions import aligned_distances
 from groundtrace.inertial.ins import FootNavigator, inertial_columns
 from groundtrace.inertial.magnetometer import FootCompass
-from groundtrace.inertial.rotations import headings_of, levelled, turned
+from groundtrace.inertial.rotations import headings_of, levelled, rotated
 from groundtrace.inertial.strapdown import (
     GYRO,
     PLACE,
@@ -114,7 +114,7 @@ def test_biases_are_found_as_far_as_motion_shows_them() -> None:
     assert pose is not None
     assert pose.gyro_bias == pytest.approx(TYPICAL.gyro_bias, abs=5e-4)
     # along gravity; across it a standing foot's bias is its tilt
-    up = turned(pose.orientation * [1, -1, -1, -1], np.array([0.0, 0, 1]))
+    up = rotated(pose.orientation * [1, -1, -1, -1], np.array([0.0, 0, 1]))
     assert pose.force_bias @ up == pytest.approx(np.array(TYPICAL.force_bias) @ up, abs=0.02)
 
 
@@ -135,7 +135,7 @@ def test_up_is_where_the_force_of_standing_points_and_left_turns_are_left() -> N
         found = navigator.measure(segment)
         points += navigator.follow(segment, True if len(found) else None)
         if navigator.pose is not None:
-            heights.append(navigator.pose.place[2])
+            heights.append(navigator.pose.position[2])
     assert max(heights) == pytest.approx(0.12, abs=0.01)
     assert min(heights) > -0.01
     assert points[-1].y_m == pytest.approx(walk.place[-1, 1], abs=0.01)

@@ -90,16 +90,16 @@ def test_a_step_of_hardly_any_samples_has_no_shape() -> None:
 def test_degrees_become_metres_to_the_east_and_north() -> None:
     plane = TangentPlane((10.0, 20.0))
     start = (math.radians(46.5), math.radians(6.6))
-    assert plane.place(*start) == pytest.approx((10.0, 20.0))
-    x, y = plane.place(start[0] + math.radians(1e-3), start[1] + math.radians(1e-3))
+    assert plane.map_position(*start) == pytest.approx((10.0, 20.0))
+    x, y = plane.map_position(start[0] + math.radians(1e-3), start[1] + math.radians(1e-3))
     # a degree of latitude and of longitude at 46.5 degrees: 111.163 km and 76.77 km (WGS 84)
     assert (x - 10, y - 20) == (pytest.approx(76.77, abs=0.05), pytest.approx(111.16, abs=0.05))
 
 
 def test_the_date_line_is_no_way_around_the_world() -> None:
     plane = TangentPlane()
-    plane.place(0.0, math.radians(179.9999))
-    x, _ = plane.place(0.0, math.radians(-179.9999))
+    plane.map_position(0.0, math.radians(179.9999))
+    x, _ = plane.map_position(0.0, math.radians(-179.9999))
     assert x == pytest.approx(22.26, abs=0.05)
 
 

@@ -15,7 +15,7 @@ from groundtrace.vehicles.tracker import MotionModel, cycle_places, track, track
 
 TIMES = np.arange(12.0) + 0.5
 FEW = Search.about(ANTENNAS)
-FEW = replace(FEW, places=7, headings=8, speeds=3, kept=4)
+FEW = replace(FEW, places=7, headings=8, speeds=3, refined=4)
 AXIS = np.arange(-30.0, 61.0, 2.0)
 
 
@@ -31,7 +31,7 @@ def test_powers_without_fluctuation_give_the_course() -> None:
     powers = observed(straight(TIMES, (12, 17), (2, 5)), TIMES, rng, freedom=1e12)
     fit = fit_course(powers, FEW)
     assert fit is not None
-    assert fit.course.place == pytest.approx([12, 17], abs=1e-3)
+    assert fit.course.position == pytest.approx([12, 17], abs=1e-3)
     assert fit.course.velocity == pytest.approx([2, 5], abs=1e-3)
     assert fit.log_mu == pytest.approx([np.log(500)], abs=1e-3)
 
@@ -40,7 +40,7 @@ def test_a_course_is_where_its_errors_say() -> None:
     off = []
     for seed in range(25):
         fit = fitted(seed)
-        error = np.concatenate([fit.course.place - (12, 17), fit.course.velocity - (2, 5)])
+        error = np.concatenate([fit.course.position - (12, 17), fit.course.velocity - (2, 5)])
         off.append(float(error @ np.linalg.solve(fit.course.covariance, error)))
         if off[-1] > 18:  # one in a thousand: it went by the other side of a sensor, and says so
             assert min(lost for _, lost in fit.rivals) < 1
@@ -53,7 +53,7 @@ def test_a_course_is_where_its_errors_say() -> None:
 def test_a_strength_of_each_cycle_costs_accuracy_and_no_bias() -> None:
     one, each = fitted(1), fitted(1, each_mu=True)
     assert np.shape(each.log_mu) == (12,)
-    assert each.course.place == pytest.approx([12, 17], abs=3)
+    assert each.course.position == pytest.approx([12, 17], abs=3)
     assert each.course.speed_sigma_mps > one.course.speed_sigma_mps
 
 
@@ -65,8 +65,8 @@ def test_strengths_that_change_need_one_of_each_cycle() -> None:
     one, each = fit_course(rising, FEW), fit_course(rising, FEW, each_mu=True)
     assert one is not None
     assert each is not None
-    assert np.hypot(*(each.course.place - (12, 17))) < 1
-    assert np.hypot(*(one.course.place - (12, 17))) > 3
+    assert np.hypot(*(each.course.position - (12, 17))) < 1
+    assert np.hypot(*(one.course.position - (12, 17))) > 3
 
 
 def test_a_fast_vehicle_moves_within_a_cycle() -> None:
@@ -88,12 +88,12 @@ def test_a_fast_vehicle_moves_within_a_cycle() -> None:
 def test_sensors_in_a_line_have_the_mirror_image_as_a_rival() -> None:
     rng = np.random.default_rng(3)
     powers = observed(straight(TIMES, (12, 8), (4, 1)), TIMES, rng, sensors=ANTENNAS[:3])
-    search = Search((-10, -20), (40, 20), kept=6)
+    search = Search((-10, -20), (40, 20), refined=6)
     fit = fit_course(powers, search)
     assert fit is not None
-    mirrored = fit.course.place * (1, -1)
-    nearest = min(fit.rivals, key=lambda rival: np.hypot(*(rival[0].place - mirrored)))
-    assert nearest[0].place == pytest.approx(mirrored, abs=0.1)
+    mirrored = fit.course.position * (1, -1)
+    nearest = min(fit.rivals, key=lambda rival: np.hypot(*(rival[0].position - mirrored)))
+    assert nearest[0].position == pytest.approx(mirrored, abs=0.1)
     assert nearest[1] == pytest.approx(0, abs=0.01)
 
 
@@ -104,7 +104,7 @@ def test_dead_sensors_and_too_few_powers() -> None:
     fit = fit_course(replace(powers, powers=broken), FEW)
     assert fit is not None
     assert fit.samples == 55
-    assert fit.course.place == pytest.approx([12, 17], abs=1)
+    assert fit.course.position == pytest.approx([12, 17], abs=1)
     assert fit_course(replace(powers, powers=np.full(broken.shape, np.nan)), FEW) is None
 
 
@@ -189,4 +189,4 @@ def test_noise_has_no_evidence_of_a_course_and_a_vehicle_has() -> None:
 def test_one_sensor_leaves_a_course_open() -> None:
     rng = np.random.default_rng(7)
     powers = observed(straight(TIMES, (12, 17), (2, 5)), TIMES, rng, sensors=ANTENNAS[:1])
-    assert fit_course(powers, Search((-10, -10), (40, 40), kept=4)) is None
+    assert fit_course(powers, Search((-10, -10), (40, 40), refined=4)) is None

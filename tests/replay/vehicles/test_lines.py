@@ -42,7 +42,7 @@ def test_a_crossing_has_its_moment_and_place() -> None:
     crossing = course.crossing(np.array([0.0, 0.0]), np.array([20.0, 0.0]))
     assert crossing is not None
     assert (crossing.time_s, crossing.along_m) == pytest.approx((4, 7))
-    assert crossing.place == pytest.approx([7, 0])
+    assert crossing.position == pytest.approx([7, 0])
     assert crossing.inside
     assert not crossing.rightwards
     back = course.crossing(np.array([20.0, 0.0]), np.array([10.0, 0.0]))

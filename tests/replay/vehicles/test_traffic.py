@@ -98,9 +98,9 @@ def test_without_a_road_nothing_is_heard_for_too_long() -> None:
 
 def test_a_vehicle_that_passes_long_after_the_last_cycle_is_none() -> None:
     observed = road_powers(MEETING[:1], 3)
-    inside = Vehicle(observed.usual.copy(), 1)
+    inside = Vehicle(observed.typical.copy(), 1)
     inside.values[MOMENT] = 19.0
-    outside = Vehicle(observed.usual.copy(), 1)
+    outside = Vehicle(observed.typical.copy(), 1)
     outside.values[MOMENT] = TIMES[-1] + 60.0
     assert vehicles_on(observed, [outside]) == ()
     assert len(vehicles_on(observed, [inside, outside])) == 1
@@ -108,7 +108,7 @@ def test_a_vehicle_that_passes_long_after_the_last_cycle_is_none() -> None:
 
 def test_slopes_are_those_of_the_power() -> None:
     observed = road_powers((), 1)
-    values = observed.usual + np.array([20.0, 0.1, 0.2, 0.05, 0.1, -0.2])
+    values = observed.typical + np.array([20.0, 0.1, 0.2, 0.05, 0.1, -0.2])
     vehicle, rows = Vehicle(values, -1), slice(60, 100)
     _, slopes = observed.power(vehicle, rows)
     for column in range(len(values)):
@@ -124,7 +124,7 @@ def test_scatter_is_found_shared_or_not() -> None:
     own = fluctuating(mean, rng, FREEDOM)
     for powers, shared in ((own, 0.0), (own[:, :1] * mean, 0.95)):
         observed = RoadPowers(np.arange(2000.0), powers, 0.01 * mean, ALONG, OFFSETS, 1.5, 1.0)
-        scatter = scatter_of(observed.powers, observed.noise, observed.known, mean)
+        scatter = scatter_of(observed.powers, observed.noise, observed.valid, mean)
         assert scatter.variance == pytest.approx(2 / FREEDOM, rel=0.15)
         assert scatter.shared == pytest.approx(shared, abs=0.1)
         assert scatter.lasting < 0.1
@@ -141,5 +141,5 @@ def test_no_vehicle_explains_powers_of_nobody() -> None:
     assert driven(observed, [(), ()], (1.5, 45.0)) == ()
     stretch = Stretch(observed, slice(0, 80), np.full((80, 2), FLOOR), Scatter())
     nobody = stretch.fit((), 5)
-    more = stretch.fit((Vehicle(observed.usual + np.array([10.0, 0, 0, 0, 0, 0]), 1),), 25)
+    more = stretch.fit((Vehicle(observed.typical + np.array([10.0, 0, 0, 0, 0, 0]), 1),), 25)
     assert nobody.evidence > more.evidence

@@ -28,7 +28,7 @@ from groundtrace_codecs.geometry import Geometry, Sensor
 
 TIMES = np.arange(0, 24, 0.5)
 FLOOR = 0.005
-SEARCH = replace(Search.about(ANTENNAS), kept=4)
+SEARCH = replace(Search.about(ANTENNAS), refined=4)
 #: Place at 12 s and velocity.
 COURSES = (((8.0, 10.0), (2.0, 8.0)), ((24.0, 20.0), (-9.0, -1.0)))
 

@@ -13,7 +13,7 @@ from groundtrace.vehicles.medium import ranges
 TIMES = np.arange(0, 14, 0.5)
 PLACE, VELOCITY = (12.0, 17.0), (2.0, 5.0)
 #: About the truth: whether another side of a sensor is taken for it is another question.
-NEAR = Search((8, 13), (16, 21), (4, 7), places=2, headings=8, speeds=2, kept=2)
+NEAR = Search((8, 13), (16, 21), (4, 7), places=2, headings=8, speeds=2, refined=2)
 TRIALS = 40
 
 
@@ -35,7 +35,7 @@ def test_errors_of_a_course_are_about_what_its_covariance_says(alike: float) -> 
     for _ in range(TRIALS):
         fit = fit_course(powers_of(rng, alike), NEAR)
         assert fit is not None
-        off = np.concatenate([fit.course.place - PLACE, fit.course.velocity - VELOCITY])
+        off = np.concatenate([fit.course.position - PLACE, fit.course.velocity - VELOCITY])
         squares.append(float(off @ np.linalg.solve(fit.course.covariance, off)))
     # chi-square of 4 degrees of freedom: half are within 3.36; beyond, where a sensor is passed
     # closely, the likelihood is not a normal law's, and 90 % are not within 7.78 (see the docs)

@@ -83,7 +83,9 @@ def test_fixes_and_tracks_lie_where_they_are_on_earth(
 
 def test_a_place_on_the_plane_goes_back_to_its_position() -> None:
     plane = TangentPlane((3.0, -2.0))
-    plane.place(0.8, 0.2)
-    assert plane.position(*plane.place(0.80001, 0.19999)) == pytest.approx((0.80001, 0.19999))
+    plane.map_position(0.8, 0.2)
+    assert plane.position(*plane.map_position(0.80001, 0.19999)) == pytest.approx(
+        (0.80001, 0.19999)
+    )
     with pytest.raises(ValueError, match="expected a first fix"):
         TangentPlane().position(0.0, 0.0)

@@ -57,12 +57,12 @@ def log_annotations(
     changes = states(annotations)
     changes += _painted_over(changes, {t for t, _ in states(drawn)} | set(changed_ns))
     _log_lane(timeline, annotations, changes)
-    known = {a.id: a.label for a in drawn}
+    previous = {a.id: a.label for a in drawn}
     for a in annotations:
-        if known.pop(a.id, None) != a.label:
+        if previous.pop(a.id, None) != a.label:
             level = _LEVELS.get(a.label.kind, "INFO")
             lines.add(LOG, a.label.time_ns, line(timeline, a.label), level)
-    for label in known.values():
+    for label in previous.values():
         text = f"{line(timeline, label)}  withdrawn"
         lines.add(LOG, label.time_ns, text, "DEBUG")
 
@@ -143,10 +143,10 @@ def _painted_over(
 ) -> list[tuple[int, str]]:
     """Return the states that hold now at times where only the lane before had a change."""
     times = np.array([t for t, _ in changes], np.int64)
-    kept = {t for t, _ in changes}
+    current_ns = {t for t, _ in changes}
     over = []
     for time_ns in sorted(before_ns):
-        if time_ns not in kept:
+        if time_ns not in current_ns:
             at = int(np.searchsorted(times, time_ns)) - 1
             over.append((time_ns, changes[at][1] if at >= 0 else ""))
     return over
@@ -159,8 +159,8 @@ def _log_lane(
 
     if not changes:
         return
-    own = {state(a.label): ANNOTATION_COLOURS["span"] for a in annotations}
-    colours = own | STEP_COLOURS | TYPE_COLOURS | ANNOTATION_COLOURS
+    label_colours = {state(a.label): ANNOTATION_COLOURS["span"] for a in annotations}
+    colours = label_colours | STEP_COLOURS | TYPE_COLOURS | ANNOTATION_COLOURS
     style = rr.StateConfiguration(
         values=list(colours), colors=np.array(list(colours.values()), np.uint32)
     )

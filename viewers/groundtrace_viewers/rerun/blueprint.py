@@ -207,11 +207,11 @@ def _shots(
     [section] = [section_view(e) for e in _of(entities, "section")]
     far: list[Any] = [travel_view(e) for e in _of(entities, "travel")]
     far += [view for view, _ in _map(session, site, entities)] if _of(entities, "map") else []
-    said: list[Any] = [text(e) for e in _of(entities, "shot")]
+    texts: list[Any] = [text(e) for e in _of(entities, "shot")]
     tabs: list[Any] = [log("/log/shots", "Shots")] if far else []
     tabs += [log()] if _of(entities, "log") else []
     tabs += [table(e) for e in _of(entities, "table")]
-    words = [*said, rrb.Tabs(*tabs, page(), active_tab=0)]
+    words = [*texts, rrb.Tabs(*tabs, page(), active_tab=0)]
     start_ns, end_ns = _shown_span(session)
     edge_ns = (end_ns - start_ns) // 100  # so that the first and last shot are clear of it
     span_ns = start_ns - edge_ns, end_ns + edge_ns
@@ -271,10 +271,10 @@ def legible_shares(shares: Sequence[float]) -> list[float]:
     while True:
         rest = sum(share for row, share in enumerate(shares) if row not in raised)
         left = 1.0 - least * len(raised)
-        found = [least if row in raised else left * s / rest for row, s in enumerate(shares)]
-        small = {row for row, share in enumerate(found) if share < least - 1e-12}
+        row_shares = [least if row in raised else left * s / rest for row, s in enumerate(shares)]
+        small = {row for row, share in enumerate(row_shares) if share < least - 1e-12}
         if not small:
-            return found
+            return row_shares
         raised |= small
 
 
@@ -800,7 +800,7 @@ def lanes_view(
     keys |= {"truth": "truth, a foot unknown violet"} if "step" in true else {}
     keys |= {"truth": "truth, left blue, right orange"} if true & {"left", "right"} else {}
     rows = {height: keys.get(text, text) for height, text in rows.items()}
-    below = min(FIRST_ROW - n - APART * (len(own) - 1) for n, own in names.items())
+    below = min(FIRST_ROW - n - APART * (len(lane_names) - 1) for n, lane_names in names.items())
     plot = rrb.TimeSeriesView(
         origin=LANES,
         contents=ALIGNED,
@@ -821,7 +821,7 @@ def _lane_names(rows: Mapping[int, str]) -> str:
     where = [f"{height} " for height in rows]
     if len(rows) <= len(BY_PLACE):
         where = list(BY_PLACE) if len(rows) == len(BY_PLACE) else [""]
-    return " · ".join(f"{place}{text}" for place, text in zip(where, rows.values(), strict=True))
+    return " · ".join(f"{prefix}{text}" for prefix, text in zip(where, rows.values(), strict=True))
 
 
 def log(origin: str = "/log", name: str = "Events") -> rrb.View:
@@ -885,14 +885,14 @@ def _seen(entities: Iterable[Entity], role: str) -> dict[Any, rrb.VisibleTimeRan
     """Return what of a map is seen after its time: all before the cursor, or of some seconds."""
     import rerun.blueprint as rrb
 
-    edge, found = rrb.TimeRangeBoundary, {}
+    edge, ranges = rrb.TimeRangeBoundary, {}
     for e in _of(entities, role):
         if e.visible_s:
             ever = isinf(e.visible_s)
             start = edge.infinite() if ever else edge.cursor_relative(seconds=-e.visible_s)
             seen = rrb.VisibleTimeRange(TIMELINE, start=start, end=edge.cursor_relative(seconds=0))
-            found[e.path] = rrb.VisibleTimeRanges([seen])
-    return found
+            ranges[e.path] = rrb.VisibleTimeRanges([seen])
+    return ranges
 
 
 def layout_of(rrd: Path) -> bytes:
@@ -924,13 +924,13 @@ def layout_of(rrd: Path) -> bytes:
             default_enabled=True,
         )
     )
-    kept = rr.memory_recording(copy)
+    memory = rr.memory_recording(copy)
     rr.send_chunks(reader.store(store=layout).stream(), recording=copy)
     target = rr.RecordingStream(
         shown.application_id, recording_id=shown.recording_id, send_properties=False
     )
     binary = rr.binary_stream(target)
-    bindings.send_blueprint(kept.storage, True, True, recording=target.to_native())
+    bindings.send_blueprint(memory.storage, True, True, recording=target.to_native())
     return binary.read() or b""
 
 

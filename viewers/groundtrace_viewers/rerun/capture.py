@@ -162,10 +162,10 @@ def publishable(png: Path, menu: int) -> None:
     from PIL import Image
 
     with Image.open(png) as image:
-        kept = image.convert("RGB").crop((0, menu, image.width, image.height))
+        cropped = image.convert("RGB").crop((0, menu, image.width, image.height))
     # Rare colours count: a sensor's is on few pixels, the spectrogram's are on most.
     method, dither = Image.Quantize.MAXCOVERAGE, Image.Dither.NONE
-    few = kept.quantize(256, method=method, kmeans=4, dither=dither)
+    few = cropped.quantize(256, method=method, kmeans=4, dither=dither)
     few.save(png, optimize=True)
 
 

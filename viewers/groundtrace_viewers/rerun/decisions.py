@@ -98,8 +98,8 @@ def decision_gate(spec: StageSpec) -> GateSpec | None:
         return None
     decision = spec.trace[0]
     named = [g for g in spec.gates if g.name == decision.name]
-    alike = [g for g in spec.gates if g.unit == decision.unit]
-    return named[0] if named else alike[0] if len(alike) == 1 else None
+    same_unit = [g for g in spec.gates if g.unit == decision.unit]
+    return named[0] if named else same_unit[0] if len(same_unit) == 1 else None
 
 
 def ceiling(spec: StageSpec) -> float:
@@ -328,8 +328,8 @@ class DetectorView:
         if self._lane is not None:
             first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
             gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
-            told = zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
-            self._undecided += told
+            candidates = zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
+            self._undecided += candidates
 
     def _fill_lane(self, lane: Lane, before_ns: int | None) -> None:
         decided = sorted(self._undecided)
@@ -457,8 +457,8 @@ class PickerCurve:
         grain = self._top / LEVELS
         level = np.round(np.minimum(values, self._top) / grain)
         changed = (np.diff(level, axis=0) != 0).any(axis=1)
-        kept = np.append(changed, True) | np.append(True, changed)
-        return times[kept], level[kept] * grain
+        retained = np.append(changed, True) | np.append(True, changed)
+        return times[retained], level[retained] * grain
 
     def _declare(self) -> None:
         import rerun as rr
@@ -512,8 +512,8 @@ class RecomputedCurve:
     def __init__(self, session: ReplaySession, spec: StageSpec) -> None:
         self._topic = spec.topic
         self._spec = spec
-        found = used(session, spec)
-        self._used = found if found is not None and hasattr(found.kind, "curve") else None
+        plugin = used(session, spec)
+        self._used = plugin if plugin is not None and hasattr(plugin.kind, "curve") else None
         self.restart({})
 
     @property
@@ -531,10 +531,10 @@ class RecomputedCurve:
         if self._used is None:
             return 0.0
         given = self._used.parameters
-        own = (info for info in describe(type(given)) if info.part == "measure")
-        known = [(info.unit, getattr(given, info.name)) for info in own]
-        times = [value for unit, value in known if unit == "s"]
-        periods = [1 / value for unit, value in known if unit == "Hz" and value > 0]
+        infos = (info for info in describe(type(given)) if info.part == "measure")
+        quantities = [(info.unit, getattr(given, info.name)) for info in infos]
+        times = [value for unit, value in quantities if unit == "s"]
+        periods = [1 / value for unit, value in quantities if unit == "Hz" and value > 0]
         return RUN_INS * max([*times, *periods], default=0.0)
 
     def restart(self, changes: Mapping[str, float]) -> None:
@@ -544,8 +544,8 @@ class RecomputedCurve:
         if self._used is not None:
             config = StageConfig(self._spec.plugin, self._spec.stage, self._used.topics)
             given = self._used.parameters
-            known = {name: value for name, value in changes.items() if hasattr(given, name)}
-            self._stage = StageRunner(config, self._used.kind, replace(given, **known))
+            overrides = {name: value for name, value in changes.items() if hasattr(given, name)}
+            self._stage = StageRunner(config, self._used.kind, replace(given, **overrides))
 
     def skip(self, item: SignalBlock | Gap) -> None:
         """Take what the stage is given, a block or a gap."""
@@ -699,8 +699,8 @@ class StepCurve:
         for block in ready:
             self._mark(block)
         if len(self._times):
-            kept = self._times > self._times[-1] - KEEP_NS
-            self._times, self._values = self._times[kept], self._values[kept]
+            recent = self._times > self._times[-1] - KEEP_NS
+            self._times, self._values = self._times[recent], self._values[recent]
 
     def close(self) -> None:
         """Log what was held back."""
@@ -906,21 +906,21 @@ class StepView(View):
         import rerun as rr
 
         extent, kinds = self._context.traces.extent, STEP_COLOURS | TYPE_COLOURS
-        ends = {s.time_ns: found for s in steps if (found := extent(topic, s.time_ns))}
-        own = [s for s in steps if s.time_ns in ends]
-        if not own:
+        ends = {s.time_ns: limits for s in steps if (limits := extent(topic, s.time_ns))}
+        marked = [s for s in steps if s.time_ns in ends]
+        if not marked:
             return
         path = f"/steps/{topic.strip('/')}"
         every = rr.components.AggregationPolicy.Off  # else an upright may lose its end
         style = rr.SeriesLines(names="step", widths=1.0, aggregation_policy=every)
         self._timeline.declare(Entity(path, "mark"), style)
-        shades = [kinds.get(s.type or s.foot or s.kind, STEP) for s in own]
-        heights = np.array([(*ends[s.time_ns], np.nan) for s in own])
+        shades = [kinds.get(s.type or s.foot or s.kind, STEP) for s in marked]
+        heights = np.array([(*ends[s.time_ns], np.nan) for s in marked])
         columns = [
             scalar_column(heights.reshape(-1, 1)),
             *rr.SeriesLines.columns(colors=np.repeat(np.array(shades, np.uint32), 3)),
         ]
-        times = np.repeat([s.time_ns for s in own], 3) + np.tile([0, 0, 1], len(own))
+        times = np.repeat([s.time_ns for s in marked], 3) + np.tile([0, 0, 1], len(marked))
         self._timeline.send(path, times, columns)
 
     def _rows(self, steps: list[StepEvent]) -> None:
@@ -982,8 +982,8 @@ class PlainView(View):
         self._lanes[kind.plural].add(event.time_ns, kind.name, getattr(event, "end_ns", None))
         if text := kind.text(event):
             source = getattr(event, "stage", "")
-            said = f"{self._timeline.seconds(event.time_ns)}  {text}"
-            line = f"{said} ({source})" if source else said
+            timed_text = f"{self._timeline.seconds(event.time_ns)}  {text}"
+            line = f"{timed_text} ({source})" if source else timed_text
             self._lines.add(kind.plural, event.time_ns, line, getattr(event, "level", "INFO"))
 
     def flush(self, before_ns: int | None = None) -> None:
@@ -1026,13 +1026,13 @@ def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/t
     Places alone are on the map, headings have a plot, and arrivals follow from the step or impact
     they belong to. Of several targets the lane says which.
     """
-    known = tuple(labels)
-    targets = sorted({x.target for x in known if x.target})
+    truth = tuple(labels)
+    targets = sorted({x.target for x in truth if x.target})
     walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False)) if len(targets) > 1 else {}
-    caused = any(x.kind in ("step", "impact") for x in known)
+    caused = any(x.kind in ("step", "impact") for x in truth)
     kinds = STEP_COLOURS | TYPE_COLOURS
     lanes: dict[str, Lane] = {}
-    for label in known:
+    for label in truth:
         if label.kind in ELSEWHERE or (label.kind == "pick" and caused):
             continue
         name = TOGETHER.get(label.kind, label.kind)
@@ -1044,7 +1044,7 @@ def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/t
             shown = label.target
         lane.add(label.time_ns, shown, label.end_ns)
         if label.kind == "ignore":
-            _resume(lane, label, known)
+            _resume(lane, label, truth)
     for lane in lanes.values():
         lane.flush()
 

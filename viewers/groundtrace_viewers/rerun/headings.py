@@ -78,8 +78,8 @@ LABEL_UP = 5.0
 
 def wrapped(degrees: Array) -> Array:
     """Return directions from -180 to 180 degrees."""
-    turned: Array = (np.asarray(degrees, np.float64) + 180.0) % 360.0 - 180.0
-    return turned
+    signed_deg: Array = (np.asarray(degrees, np.float64) + 180.0) % 360.0 - 180.0
+    return signed_deg
 
 
 def cut(times: Times, *curves: Array, hole_ns: float) -> tuple[Times, list[Array]]:
@@ -108,8 +108,8 @@ class Truth:
     def __init__(self, times: Times, radians: Array) -> None:
         self.times = times
         self._turned = np.degrees(np.unwrap(radians))
-        usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        self.hole_ns = HOLE * usual
+        period_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        self.hole_ns = HOLE * period_ns
 
     def __len__(self) -> int:
         return len(self.times)
@@ -127,8 +127,8 @@ class Truth:
         after = np.minimum(after, len(self) - 1)
         hole = self.times[after] - self.times[np.maximum(after - 1, 0)] > self.hole_ns
         outside = (times < self.times[0]) | (times > self.times[-1])
-        found = np.interp(times, self.times, self._turned)
-        return np.where(hole | outside, np.nan, wrapped(found))
+        heading_deg = np.interp(times, self.times, self._turned)
+        return np.where(hole | outside, np.nan, wrapped(heading_deg))
 
 
 class Frames(NamedTuple):
@@ -153,12 +153,14 @@ def ratios(gates: Sequence[GateSpec], value: Array) -> Array:
     value
         Shape (n, n_gates).
     """
-    found = np.full(value.shape, np.nan)
+    ratio = np.full(value.shape, np.nan)
     for column, gate in enumerate(gates):
-        own = value[:, column].astype(np.float64)
+        measured = value[:, column].astype(np.float64)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found[:, column] = gate.threshold / own if gate.at_least else own / gate.threshold
-    clipped: Array = np.clip(found, 0.0, MOST_RATIO)
+            ratio[:, column] = (
+                gate.threshold / measured if gate.at_least else measured / gate.threshold
+            )
+    clipped: Array = np.clip(ratio, 0.0, MOST_RATIO)
     return clipped
 
 
@@ -182,13 +184,13 @@ class HeadingView(View):
 
     def __init__(self, context: ViewContext) -> None:
         self._context, self._timeline = context, context.timeline
-        known = sorted(
+        reference = sorted(
             (x.time_ns, x.value)
             for x in context.session.labels
             if x.kind == "heading" and x.value is not None
         )
-        times = np.array([time for time, _ in known], np.int64)
-        self._truth = Truth(times, np.array([value for _, value in known], np.float64))
+        times = np.array([time for time, _ in reference], np.int64)
+        self._truth = Truth(times, np.array([value for _, value in reference], np.float64))
         self._pending: dict[str, list[Heading]] = {}
         self._blocks: list[CandidateBlock] = []
         self._stages: list[str] = []
@@ -243,11 +245,13 @@ class HeadingView(View):
             gates = self._spec.gates if self._spec is not None else ()
             self._story(fresh, self._frames[-LAST_BLOCKS:]).log_cursor(gates)
 
-    def _deciding(self, found: Mapping[str, list[Heading]]) -> list[Heading]:
+    def _deciding(self, headings: Mapping[str, list[Heading]]) -> list[Heading]:
         """Return the headings of the stage with the last word, else of the first one."""
         last = self._context.stages.last("heading")
-        stage = last.stage if last is not None and last.stage in found else next(iter(found), "")
-        return found.get(stage, [])
+        stage = (
+            last.stage if last is not None and last.stage in headings else next(iter(headings), "")
+        )
+        return headings.get(stage, [])
 
     def _story(self, headings: Sequence[Heading], frames: Sequence[Frames]) -> _Story:
         return _Story(self._context, headings, self._truth, self._spans, _merged(frames))
@@ -343,19 +347,19 @@ class _Story:
         timeline, labels = self._timeline, self.context.session.labels
         times, radians = heading_errors(labels, self.headings, STEP_TOLERANCE_S)
         error = np.degrees(radians)
-        told = np.isfinite(error)
-        if not told.any():
+        valid = np.isfinite(error)
+        if not valid.any():
             return
         claimed = np.interp(times, known_ns, np.nan_to_num(sigma))
         worst = int(np.nanargmax(np.abs(error)))
         rms = float(np.sqrt(np.nanmean(error**2)))
-        inside = float(np.mean(np.abs(error[told]) <= 2 * claimed[told]))
+        inside = float(np.mean(np.abs(error[valid]) <= 2 * claimed[valid]))
         when = (times[worst] - timeline.start_ns) / NS_PER_S
         title = (
             f"Error [°]: rms {rms:.1f}, worst {error[worst]:+.1f} at {when:.1f} s; "
             f"{inside:.0%} in blue, the claimed ± 2 σ"
         )
-        most = float(np.quantile(np.abs(error[told]), 0.999))
+        most = float(np.quantile(np.abs(error[valid]), 0.999))
         end = 1.2 * max(most, 2 * float(np.median(claimed)), 1.0)
         timeline.declare(Entity(ERROR, "heading-error", title, top=end, bottom=-end))
         _shade(timeline, ERROR, self.spans, end)
@@ -458,11 +462,11 @@ class _Story:
         timeline.declare(Entity(DIAL, "dial", f"Heading: green ± 2 σ{self._key}"))
         _log_ring(timeline)
         _log_needles(timeline, now, degrees[rows], np.nan_to_num(sigma[rows]))
-        path, known = f"{DIAL}/truth", np.isfinite(true)
+        path, valid = f"{DIAL}/truth", np.isfinite(true)
         timeline.static(path, rr.LineStrips2D.from_fields(colors=TRUTH, radii=-2.6, draw_order=1.0))
-        lines = [[(0.0, 0.0), _at(d, RING)] for d in true[known].tolist()]
+        lines = [[(0.0, 0.0), _at(d, RING)] for d in true[valid].tolist()]
         columns = rr.LineStrips2D.columns(strips=strips_of(lines) if lines else [])
-        timeline.send(path, now, columns.partition(known.astype(np.int64).tolist()))
+        timeline.send(path, now, columns.partition(valid.astype(np.int64).tolist()))
         texts = [
             self._words(int(n), float(degrees[r]), float(sigma[r]), float(t), gates)
             for n, r, t in zip(now[::5], rows[::5], true[::5], strict=True)
@@ -483,8 +487,8 @@ class _Story:
         if len(self.truth):
             error = float(wrapped(np.array(degrees - true)))
             off = f" ({abs(error) / sigma:.1f} σ)" if sigma > 0 else ""
-            known = f"truth {true:+.1f}°, **error {error:+.1f}°**{off}"
-            lines.append(known if math.isfinite(true) else "no truth here")
+            error_text = f"truth {true:+.1f}°, **error {error:+.1f}°**{off}"
+            lines.append(error_text if math.isfinite(true) else "no truth here")
         frames = self.frames
         if frames is not None and len(frames.times):
             row = int(np.clip(np.searchsorted(frames.times, now_ns), 0, len(frames.times) - 1))
@@ -503,12 +507,12 @@ class _Story:
             return ""
         part = np.nan_to_num(self.frames.ratio[row])
         column = int(part.argmax())
-        said = _compared(gates[column], float(self.frames.value[row, column]))
+        gate_text = _compared(gates[column], float(self.frames.value[row, column]))
         if part[column] > 1.0:
-            return f"**compass not used**: {said}"
+            return f"**compass not used**: {gate_text}"
         if any(s.time_ns <= now_ns < s.end_ns for s in self.spans):
             return "**compass not used**: disturbed until it is calm for long enough"
-        return f"compass used; nearest gate {said}"
+        return f"compass used; nearest gate {gate_text}"
 
 
 #: What headings claim.

@@ -71,8 +71,8 @@ _NAMES_OF_ENTITIES = ("ViewBlueprint:space_origin", "ViewContents:query")
 def _without(ranges: str) -> re.Pattern[str]:
     """Return what finds a character that is in none of the ranges."""
     ends = (item.partition("-") for item in ranges.split())
-    kept = "".join(f"\\U{int(a, 16):08X}-\\U{int(b or a, 16):08X}" for a, _, b in ends)
-    return re.compile(f"[^{_LAYOUT}{kept}]")
+    allowed = "".join(f"\\U{int(a, 16):08X}-\\U{int(b or a, 16):08X}" for a, _, b in ends)
+    return re.compile(f"[^{_LAYOUT}{allowed}]")
 
 
 def legible(text: str) -> str:
@@ -88,7 +88,7 @@ def legible_path(path: str) -> str:
     """Return an entity path that the viewer can draw; different paths stay different."""
     if path.isascii():
         return path
-    return _without(_TEXT).sub(lambda found: f"u{ord(found[0]):x}", path)
+    return _without(_TEXT).sub(lambda match: f"u{ord(match[0]):x}", path)
 
 
 def log(
@@ -199,6 +199,8 @@ class _LegibleLog:
     def log(self, path: str, entity: Any, *more: Any, **options: Any) -> None:
         batches = []
         for each in (entity, *more):
-            found = each.as_component_batches() if hasattr(each, "as_component_batches") else each
-            batches += [_legible_batch(batch) for batch in found]
+            components = (
+                each.as_component_batches() if hasattr(each, "as_component_batches") else each
+            )
+            batches += [_legible_batch(batch) for batch in components]
         self._recording.log(legible_path(path), batches, **options)

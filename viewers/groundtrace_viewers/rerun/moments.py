@@ -232,13 +232,13 @@ def moments_of_results(
     steps = _last_stage(evidence)
     fastest = max(streams, key=lambda stream: stream.rate_hz, default=None)
     frame_of, frame_s = _frames(evidence)
-    found = (_event(event, steps, evidence.start_ns) for event in results.events)
+    moments = (_event(event, steps, evidence.start_ns) for event in results.events)
     misses = (
         *_wrong_steps(evidence, results.events, steps, within_s),
         *_wrong_picks(evidence),
         *_wrong_passes(evidence, results.events),
     )
-    listed = sorted((m for m in found if m is not None), key=_order)
+    listed = sorted((m for m in moments if m is not None), key=_order)
     wrong = sorted(misses, key=_order)
     return PageMoments(
         results.provenance.recording,
@@ -298,8 +298,12 @@ def moments_of_session(
         As of :func:`moments_of_results`.
     """
     results = results_of(session, events)
-    found = moments_of_results(results, session.streams, within_s=within_s)
-    return found if at_ns is None else replace(found, opens_s=(at_ns - session.start_ns) / NS_PER_S)
+    moments = moments_of_results(results, session.streams, within_s=within_s)
+    return (
+        moments
+        if at_ns is None
+        else replace(moments, opens_s=(at_ns - session.start_ns) / NS_PER_S)
+    )
 
 
 #: So many of the last events a page lists while a replay is running. Chosen by judgement: minutes.
@@ -389,11 +393,11 @@ def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
         if event.stage != steps and event.kind == "step":
             return None
         return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
-    said = LISTED.get(type(event))
-    if said is None or (isinstance(event, Note) and event.level not in LOUD):
+    text_of = LISTED.get(type(event))
+    if text_of is None or (isinstance(event, Note) and event.level not in LOUD):
         return None
     listed: Any = event
-    return _moment(listed.time_ns, start_ns, EVENTS[type(event)].name, *said(event))
+    return _moment(listed.time_ns, start_ns, EVENTS[type(event)].name, *text_of(event))
 
 
 def _step_text(step: StepEvent) -> str:
@@ -452,8 +456,8 @@ class _StepMoments:
         remedy = remedy_of(self._healer, reasons, time_ns, false=kind == "false")
         if kind == "missed":
             reason = reasons.at(time_ns)
-            found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
-            text = f"{reason.cause}: {reason.text}{found}"
+            pair_text = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
+            text = f"{reason.cause}: {reason.text}{pair_text}"
             moment = _wrong(time_ns, evidence.start_ns, kind, reason.stage, text)
             return _mended(moment, remedy, reason.readings)
         answers = "" if pair is None else f"{pair.text}; "
@@ -489,10 +493,10 @@ def _wrong_picks(evidence: Evidence) -> list[WrongMoment]:
     picking = any(part.spec.emits == "pick" for part in evidence.stages)
     if not picking or not any(label.kind == "pick" for label in evidence.labels):
         return []
-    found = pick_account(evidence)
+    account = pick_account(evidence)
     return [
-        WrongMoment(bad.time_s, bad.state, found.stage, f"{bad.channel}: {bad.reason.text}")
-        for bad in found.bad
+        WrongMoment(bad.time_s, bad.state, account.stage, f"{bad.channel}: {bad.reason.text}")
+        for bad in account.bad
     ]
 
 

@@ -85,7 +85,7 @@ WORDS = {
 def compare_view(
     a: Evidence,
     b: Evidence,
-    found: Comparison,
+    comparison: Comparison,
     page: str,
     *,
     path: Path | None,
@@ -97,7 +97,7 @@ def compare_view(
     ----------
     a, b
         What each decided.
-    found
+    comparison
         Where they differ.
     page
         What there is to say, markdown.
@@ -112,13 +112,13 @@ def compare_view(
         Where the viewer does not start, or neither it nor a file is asked for.
     """
     focus = Focus(None, a.start_ns, a.end_ns)
-    first = next((d.time_s for d in found.decisions if d.verdict in WORDS), None)
+    first = next((d.time_s for d in comparison.decisions if d.verdict in WORDS), None)
     opened = recording_at(COMPARE_APPLICATION, a.name, path, spawn=spawn, at_s=first)
     with opened as recording:
         timeline = Timeline(recording, a.start_ns)
-        tops = _log_side(timeline, a, "A", focus, found.tolerance_s)
-        tops |= _log_side(timeline, b, "B", focus, found.tolerance_s)
-        _log_differences(timeline, found, a.start_ns)
+        tops = _log_side(timeline, a, "A", focus, comparison.tolerance_s)
+        tops |= _log_side(timeline, b, "B", focus, comparison.tolerance_s)
+        _log_differences(timeline, comparison, a.start_ns)
         log_truth(timeline, about_steps(a.labels))
         log_page(timeline, page)
         entities = [replace(e, top=tops.get(e.path, e.top)) for e in timeline.entities]
@@ -138,9 +138,9 @@ def _log_side(
     return tops
 
 
-def _log_differences(timeline: Timeline, found: Comparison, start_ns: int) -> None:
+def _log_differences(timeline: Timeline, comparison: Comparison, start_ns: int) -> None:
     lane = Lane(timeline, "/state/differs", DIFFERS)
-    for decision in found.decisions:
+    for decision in comparison.decisions:
         if decision.verdict in WORDS:
             lane.add(start_ns + round(decision.time_s * NS_PER_S), WORDS[decision.verdict])
     lane.flush()
@@ -302,9 +302,9 @@ def asked(evidence: Evidence, focus: Focus, tolerance_s: float) -> Asked | None:
     if reason.candidate_s is None:
         return None
     part = next(p for p in evidence.of(reason.stage) if p.spec.topic == reason.topic)
-    found = part.candidates
-    far = np.abs(found.time_ns - evidence.start_ns - round(reason.candidate_s * NS_PER_S))
-    other = found.channel != part.spec.channels.index(reason.channel)
+    candidates = part.candidates
+    far = np.abs(candidates.time_ns - evidence.start_ns - round(reason.candidate_s * NS_PER_S))
+    other = candidates.channel != part.spec.channels.index(reason.channel)
     return Asked(reason.stage, reason.topic, int(np.lexsort((far, other))[0]))
 
 
@@ -567,14 +567,16 @@ def log_detector(
     dict
         Path of the decision function to where its plot ends; empty where there is none.
     """
-    spec, found = part.spec, part.candidates
+    spec, candidates = part.spec, part.candidates
     log = DetectorView(timeline, spec, colours, lanes, (focus.start_ns, focus.end_ns))
     log.trace(TraceBlock(spec, part.frames.time_ns, part.frames.value))
     for gap in gaps:
         if gap.topic == spec.topic and not gap.bridged:
             log.interrupt(gap.start_ns)
     verdicts = (part.gate_value, part.margin, part.accepted)
-    log.candidates(CandidateBlock(spec, found.time_ns, found.channel, found.value, *verdicts))
+    log.candidates(
+        CandidateBlock(spec, candidates.time_ns, candidates.channel, candidates.value, *verdicts)
+    )
     log.flush()
     if not spec.trace:
         return {}
@@ -602,11 +604,11 @@ def log_score(timeline: Timeline, evidence: Evidence, path: str, tolerance_s: fl
             lane.add(time_ns, "step")
         lane.flush()
         return
-    found = matched(evidence, tolerance_s)
+    match = matched(evidence, tolerance_s)
     for state, times in (
-        ("hit", found.truth_ns[found.pairs[:, 0]]),
-        ("missed", found.truth_ns[found.missed]),
-        ("false", found.found_ns[found.false]),
+        ("hit", match.truth_ns[match.pairs[:, 0]]),
+        ("missed", match.truth_ns[match.missed]),
+        ("false", match.found_ns[match.false]),
     ):
         for time_ns in times.tolist():
             lane.add(time_ns, state)
@@ -644,12 +646,12 @@ is late or missing: recordings will be worse. The power law is fitted by least s
 """
 
 
-def room_view(found: RoomAnalysis, *, path: Path | None, spawn: bool = False) -> None:
+def room_view(analysis: RoomAnalysis, *, path: Path | None, spawn: bool = False) -> None:
     """Show an analysis.
 
     Parameters
     ----------
-    found
+    analysis
         The analysis.
     path
         The ``.rrd`` to write; may be None with ``spawn``.
@@ -664,37 +666,41 @@ def room_view(found: RoomAnalysis, *, path: Path | None, spawn: bool = False) ->
     import rerun as rr
 
     with recording_at(
-        ROOM_APPLICATION, found.layout.name, path, spawn=spawn, at_s=None
+        ROOM_APPLICATION, analysis.layout.name, path, spawn=spawn, at_s=None
     ) as recording:
-        top = max(float(errors.rmse_m.max()) for errors in found.errors)
+        top = max(float(errors.rmse_m.max()) for errors in analysis.errors)
         views = []
-        for errors in found.errors:
-            board = _Board(recording, f"/{errors.method}", found)
-            board.image(found.grid, errors.rmse_m, top, "m")
+        for errors in analysis.errors:
+            board = _Board(recording, f"/{errors.method}", analysis)
+            board.image(analysis.grid, errors.rmse_m, top, "m")
             board.room()
-            board.ring(np.array([found.worst(errors)]))
-            views.append(board.view(error_words(found, errors).partition(";")[0]))
-        views += [_signs(recording, found), _regions(recording, found), _sensors(recording, found)]
+            board.ring(np.array([analysis.worst(errors)]))
+            views.append(board.view(error_words(analysis, errors).partition(";")[0]))
+        views += [
+            _signs(recording, analysis),
+            _regions(recording, analysis),
+            _sensors(recording, analysis),
+        ]
         # the viewer wants a timeline even where nothing depends on time
-        page = rr.TextDocument.columns(text=[room_page(found)], media_type=["text/markdown"])
+        page = rr.TextDocument.columns(text=[room_page(analysis)], media_type=["text/markdown"])
         Timeline(recording, 0).send(PAGE, [0], page)
         send_layout(recording, _layout(views))
 
 
-def room_page(found: RoomAnalysis) -> str:
+def room_page(analysis: RoomAnalysis) -> str:
     """Return the page about an analysis, markdown."""
-    lines = [f"# {found.layout.name}", "", assumed(found.layout), ""]
-    lines += [f"* {error_words(found, errors)}" for errors in found.errors]
-    lines += [f"* {sign_words(found)}", f"* {region_words(found)}"]
-    lines += [f"* {contribution_words(found)}"]
-    lines += [f"* **{advice_words(found, advice)}**" for advice in found.advice]
-    lines += [f"* remark: {remark}" for remark in found.remarks]
-    if found.contributions:
+    lines = [f"# {analysis.layout.name}", "", assumed(analysis.layout), ""]
+    lines += [f"* {error_words(analysis, errors)}" for errors in analysis.errors]
+    lines += [f"* {sign_words(analysis)}", f"* {region_words(analysis)}"]
+    lines += [f"* {contribution_words(analysis)}"]
+    lines += [f"* **{advice_words(analysis, advice)}**" for advice in analysis.advice]
+    lines += [f"* remark: {remark}" for remark in analysis.remarks]
+    if analysis.contributions:
         lines += ["", "Mean error without each sensor, rise [m]:", ""]
         lines += [f"| sensor | {' | '.join(NAMES.values())} |", "|---" * (len(NAMES) + 1) + "|"]
         lines += [
             f"| {name} | {' | '.join(f'{rise:+.3f}' for rise in without.values())} |"
-            for name, without in zip(found.layout.sensors, found.contributions, strict=True)
+            for name, without in zip(analysis.layout.sensors, analysis.contributions, strict=True)
         ]
     return "\n".join(lines) + "\n" + READING
 
@@ -702,11 +708,11 @@ def room_page(found: RoomAnalysis) -> str:
 class _Board:
     """One map: everything hangs below an entity that turns y upwards."""
 
-    def __init__(self, recording: rr.RecordingStream, origin: str, found: RoomAnalysis) -> None:
+    def __init__(self, recording: rr.RecordingStream, origin: str, analysis: RoomAnalysis) -> None:
         import rerun as rr
 
-        self._recording, self._origin, self._found = recording, origin, found
-        corners = np.vstack([found.layout.outline, found.layout.positions])
+        self._recording, self._origin, self._found = recording, origin, analysis
+        corners = np.vstack([analysis.layout.outline, analysis.layout.positions])
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)
         self._extent = float((self._high - self._low).max())
         upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
@@ -740,10 +746,10 @@ class _Board:
 
         (left, bottom), (right, upper) = bounds
         wide, high = (right - left) / pixels.shape[1], (upper - bottom) / pixels.shape[0]
-        place = rr.Transform3D(
+        transform = rr.Transform3D(
             translation=[left, bottom, 0.0], mat3x3=[[wide, 0, 0], [0, high, 0], [0, 0, 1]]
         )
-        self.log(part, place, rr.Image(pixels, draw_order=-10.0))
+        self.log(part, transform, rr.Image(pixels, draw_order=-10.0))
 
     def room(self, *, sensors: bool = True) -> None:
         """Draw walls and sensors."""
@@ -785,7 +791,7 @@ class _Board:
         """Draw rings around places."""
         turn = np.linspace(0, 2 * np.pi, 33)
         circle = radius * self._extent * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        self.lines("/rings", [place + circle for place in places], THRESHOLD, 3.0)
+        self.lines("/rings", [position + circle for position in places], THRESHOLD, 3.0)
 
     def view(self, title: str) -> rrb.View:
         """Return the view of the map."""
@@ -808,17 +814,17 @@ def _coloured(values: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
     return pixels
 
 
-def _signs(recording: rr.RecordingStream, found: RoomAnalysis) -> rrb.View:
-    board, mean = _Board(recording, "/signs", found), found.signs.physical
-    board.image(found.sign_grid, mean, float(mean.max()), "")
+def _signs(recording: rr.RecordingStream, analysis: RoomAnalysis) -> rrb.View:
+    board, mean = _Board(recording, "/signs", analysis), analysis.signs.physical
+    board.image(analysis.sign_grid, mean, float(mean.max()), "")
     board.room()
-    board.ring(found.sign_grid.nodes[[mean.argmax()]])
-    return board.view(sign_words(found).partition(", where")[0])
+    board.ring(analysis.sign_grid.nodes[[mean.argmax()]])
+    return board.view(sign_words(analysis).partition(", where")[0])
 
 
-def _regions(recording: rr.RecordingStream, found: RoomAnalysis) -> rrb.View:
+def _regions(recording: rr.RecordingStream, analysis: RoomAnalysis) -> rrb.View:
     """Draw regions in the colour of their confusion, their borders, and rings where ambiguous."""
-    board, a, raster = _Board(recording, "/regions", found), found.ambiguity, found.raster
+    board, a, raster = _Board(recording, "/regions", analysis), analysis.ambiguity, analysis.raster
     home = region_at(a.regions, raster.nodes)
     tried = np.nan_to_num(a.confusion)
     board.image(raster, tried[home], max(LEAST_SCALE, float(tried.max())), "")
@@ -827,15 +833,15 @@ def _regions(recording: rr.RecordingStream, found: RoomAnalysis) -> rrb.View:
     marked = a.tiny | a.doubled | a.confused
     if marked.any():
         board.ring(a.sources[marked], 0.012)
-    return board.view(region_words(found))
+    return board.view(region_words(analysis))
 
 
-def _sensors(recording: rr.RecordingStream, found: RoomAnalysis) -> rrb.View:
+def _sensors(recording: rr.RecordingStream, analysis: RoomAnalysis) -> rrb.View:
     """Draw each sensor as large as its contribution, and what would be better."""
-    board, layout = _Board(recording, "/sensors", found), found.layout
+    board, layout = _Board(recording, "/sensors", analysis), analysis.layout
     board.room(sensors=False)
-    localizer = found.settings.localizer
-    rises = np.array([without[localizer] for without in found.contributions])
+    localizer = analysis.settings.localizer
+    rises = np.array([without[localizer] for without in analysis.contributions])
     size = np.zeros(len(layout.sensors))
     labels = list(layout.sensors)
     if len(rises):
@@ -843,15 +849,15 @@ def _sensors(recording: rr.RecordingStream, found: RoomAnalysis) -> rrb.View:
         labels = [f"{name} {rise:+.2f} m" for name, rise in zip(labels, rises, strict=True)]
     radii = LEAST_RADIUS + (MOST_RADIUS - LEAST_RADIUS) * np.sqrt(size)
     board.points("/sensors", layout.positions, SENSOR, radii, labels)
-    for advice in found.advice:
-        place = np.array(advice.place)
+    for advice in analysis.advice:
+        position = np.array(advice.place)
         added = advice.moved is None
         # the line of a sensor that is moved says as much as a name
         colour, name = (ADDED, ["one more"]) if added else (MOVED, None)
-        board.points(f"/{'added' if added else 'moved'}", place[None], colour, 9.0, name)
+        board.points(f"/{'added' if added else 'moved'}", position[None], colour, 9.0, name)
         if advice.moved is not None:
-            board.lines("/move", [np.array([layout.positions[advice.moved], place])], MOVED, 2.0)
-    return board.view(contribution_words(found))
+            board.lines("/move", [np.array([layout.positions[advice.moved], position])], MOVED, 2.0)
+    return board.view(contribution_words(analysis))
 
 
 def _layout(views: list[rrb.View]) -> rrb.Blueprint:

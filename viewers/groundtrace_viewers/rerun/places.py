@@ -91,8 +91,8 @@ def ellipses(places: ArrayLike, covariances: ArrayLike) -> NDArray[np.float32]:
         Shape (n, 3): of x, of x and y, of y [m^2]; one that is unknown gives the place alone.
     """
     middles, spread = np.asarray(places, np.float64), np.asarray(covariances, np.float64)
-    known = np.isfinite(spread).all(axis=1, keepdims=True)
-    matrices = np.where(known, spread, 0.0)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    valid = np.isfinite(spread).all(axis=1, keepdims=True)
+    matrices = np.where(valid, spread, 0.0)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
     value, vector = np.linalg.eigh(matrices)
     radii = np.sqrt(np.maximum(value, 0.0))[:, np.newaxis]
     lines = middles[:, np.newaxis] + CIRCLE * radii @ np.swapaxes(vector, 1, 2)
@@ -299,8 +299,8 @@ class RegionView:
 
     def step(self, time_ns: int, picks: Sequence[Pick]) -> None:
         """Light the regions that fit a step's arrivals best, and tell its signs."""
-        own = [pick for pick in picks if pick.stage == self._picking]
-        times = first_arrivals(own, self._channels, time_ns, self._window_s, self._offsets)
+        stage_picks = [pick for pick in picks if pick.stage == self._picking]
+        times = first_arrivals(stage_picks, self._channels, time_ns, self._window_s, self._offsets)
         if np.isfinite(times).sum() < LEAST_PICKS:
             self.clear(time_ns)
             return
@@ -387,8 +387,8 @@ class ArrivalOrderView:
     @property
     def wrong(self) -> NDArray[np.intp]:
         """Pairs whose measured sign is not the region's."""
-        found: NDArray[np.intp] = np.flatnonzero(self.compared & (self.measured != self.expected))
-        return found
+        pairs: NDArray[np.intp] = np.flatnonzero(self.compared & (self.measured != self.expected))
+        return pairs
 
     @property
     def residual(self) -> float:
@@ -480,18 +480,19 @@ class DisagreementView(View):
         if len(self._order) > MOST_FIXES:
             self._places.pop(self._order.popleft(), None)
 
-    def disagreement(self, found: Disagreement) -> None:
+    def disagreement(self, disagreement: Disagreement) -> None:
         """Take a disagreement."""
-        where = self._timeline.seconds(found.time_ns)
+        where = self._timeline.seconds(disagreement.time_ns)
         text = (
-            f"{where}  {found.methods.replace(', ', ' and ')} disagree by "
-            f"{found.distance_m:.2f} {self._unit}, {found.value:.1f} sigma ({found.stage})"
+            f"{where}  {disagreement.methods.replace(', ', ' and ')} disagree by "
+            f"{disagreement.distance_m:.2f} {self._unit}, {disagreement.value:.1f} sigma "
+            f"({disagreement.stage})"
         )
-        self._lines.add("disagreements", found.time_ns, text, "WARN")
-        stages = found.methods.split(", ")
-        ends = [self._places.get((found.time_ns, stage)) for stage in stages]
+        self._lines.add("disagreements", disagreement.time_ns, text, "WARN")
+        stages = disagreement.methods.split(", ")
+        ends = [self._places.get((disagreement.time_ns, stage)) for stage in stages]
         if self._on_map and len(ends) == 2 and None not in ends:
-            self._line(found.time_ns, np.array(ends, np.float32))
+            self._line(disagreement.time_ns, np.array(ends, np.float32))
 
     def _line(self, time_ns: int, ends: np.ndarray) -> None:
         import rerun as rr
@@ -613,14 +614,14 @@ class TrackView:
 
         if not self._keys:
             return
-        known = sorted(self._keys)[:MOST_NAMED]
+        tracks = sorted(self._keys)[:MOST_NAMED]
         several = len({number for _, number in self._keys}) > 1
-        texts = [f"{stage} {number}" if several else stage for stage, number in known]
+        texts = [f"{stage} {number}" if several else stage for stage, number in tracks]
         key = rr.Points2D(
-            shown.key(len(known), -TRACK_MARGIN),
+            shown.key(len(tracks), -TRACK_MARGIN),
             labels=texts,
             show_labels=True,
-            colors=np.array([_colour(*key) for key in known], np.uint32),
+            colors=np.array([_colour(*key) for key in tracks], np.uint32),
             radii=0.0,
         )
         self._timeline.static(TRACK_KEY, key)
@@ -710,8 +711,8 @@ class StepDetails(View):
             return
         if geometry is None or not RegionView.fits(geometry, picking):
             return
-        found = used(context.session, spec)
-        window_s = found.parameters.window_s if found is not None else self._window_s
+        plugin = used(context.session, spec)
+        window_s = plugin.parameters.window_s if plugin is not None else self._window_s
         colour = context.place_colour(spec.stage)
         self._regions = RegionView(context.timeline, geometry, picking, window_s, colour)
 
@@ -749,26 +750,26 @@ class StepDetails(View):
         for views in self._stations.values():
             views.flush()
 
-    def _show(self, due: PendingStep) -> None:
-        if self._lit_ns is not None and self._lit_ns + LIT_NS < due.time_ns:
+    def _show(self, step: PendingStep) -> None:
+        if self._lit_ns is not None and self._lit_ns + LIT_NS < step.time_ns:
             self._put_out(self._lit_ns + LIT_NS)
-        self._lit_ns = due.time_ns
-        picks = self._picks_of(due)
-        self._names.step(due.time_ns, picks)
+        self._lit_ns = step.time_ns
+        picks = self._picks_of(step)
+        self._names.step(step.time_ns, picks)
         if self._regions is not None:
-            self._regions.step(due.time_ns, picks)
-        if due.topic in self._stations:
-            self._stations[due.topic].step(due.time_ns, picks)
+            self._regions.step(step.time_ns, picks)
+        if step.topic in self._stations:
+            self._stations[step.topic].step(step.time_ns, picks)
 
-    def _picks_of(self, due: PendingStep) -> list[Pick]:
+    def _picks_of(self, step: PendingStep) -> list[Pick]:
         """Return the arrivals of a step, of the stage that is reported."""
-        while self._picks and self._picks[0].time_ns < due.time_ns - LATE_NS:
+        while self._picks and self._picks[0].time_ns < step.time_ns - LATE_NS:
             self._picks.popleft()
-        first_ns, end_ns = due.time_ns, due.time_ns + round(self._window_s * NS_PER_S)
+        first_ns, end_ns = step.time_ns, step.time_ns + round(self._window_s * NS_PER_S)
         picking = self._context.stages.last("pick")
         stage = picking.stage if picking is not None else ""
         near = [p for p in self._picks if first_ns <= p.time_ns <= end_ns]
-        return [p for p in near if (p.topic, p.stage) == (due.topic, stage)]
+        return [p for p in near if (p.topic, p.stage) == (step.topic, stage)]
 
     def _put_out(self, time_ns: int) -> None:
         self._names.clear(time_ns)

@@ -78,12 +78,12 @@ def curves_of(stream: Stream) -> tuple[Curves, ...]:
         columns.setdefault((channel.quantity, channel.unit), []).append(i)
     root = "/" + stream.topic.strip("/")
     alone = len(columns) == 1 and next(iter(columns))[0] in SEISMIC_QUANTITIES
-    found = []
+    curves = []
     for (quantity, unit), where in columns.items():
         shown, factor = _DISPLAY.get((quantity, unit), (unit, 1.0))
         path = root if alone else f"{root}/{quantity}"
-        found.append(Curves(path, quantity, shown, tuple(where), factor))
-    return tuple(found)
+        curves.append(Curves(path, quantity, shown, tuple(where), factor))
+    return tuple(curves)
 
 
 #: Above this rate the overview shows an envelope, and samples only where they are asked for.
@@ -218,8 +218,8 @@ class Plan:
             )
             fast = {"all": "every sample", "none": "no samples but envelopes"}.get(self.mode, each)
             rest = self.rest_bytes + (60.0 * self.second_bytes if self.whole else 0.0)
-            said = f"timeline: about {_megabytes(rest)} a minute"
-            return f"{said}, and of fast signals {fast}" if self.second_bytes else said
+            rate_text = f"timeline: about {_megabytes(rest)} a minute"
+            return f"{rate_text}, and of fast signals {fast}" if self.second_bytes else rate_text
         span_bytes = self.second_bytes * (self.span_ns[1] - self.span_ns[0]) / NS_PER_S
         size = f"timeline: about {_megabytes(self.rest_bytes + span_bytes)}"
         if not self.second_bytes:
@@ -251,8 +251,8 @@ def planned(asked: FullRate, session: ReplaySession) -> Plan:
     rate = sum(_fast_channels(stream) * stream.rate_hz for stream in session.streams)
     slow = sum(len(s.channels) * s.rate_hz for s in session.streams if s.rate_hz <= FULL_RATE_HZ)
     rest = ONCE_BYTES + duration_s * (LEAST_REST_BYTES + REST_BYTES * channels + SLOW_BYTES * slow)
-    whole = duration_s * rate * SHOWN_BYTES
-    mode = "all" if asked.mode == "misses" and whole <= SMALL_BYTES else asked.mode
+    full_bytes = duration_s * rate * SHOWN_BYTES
+    mode = "all" if asked.mode == "misses" and full_bytes <= SMALL_BYTES else asked.mode
     truth = any(label.kind == "step" for label in session.labels)
     untold = mode == "misses" and not truth
     least = UNTOLD_BYTES if untold else SMALL_BYTES
@@ -264,7 +264,7 @@ def planned(asked: FullRate, session: ReplaySession) -> Plan:
     elif mode == "span":
         first, last = (session.start_ns + round(s * NS_PER_S) for s in asked.span_s)
         span_ns = (max(first, start_ns), max(first, start_ns, min(last, last_ns)))
-    budget = whole if mode == "events" else min(budget, whole)
+    budget = full_bytes if mode == "events" else min(budget, full_bytes)
     reach_ns = STEP_NS if untold else REACH_NS
     shown_ns, second = (start_ns, end_ns), rate * SHOWN_BYTES
     return Plan(mode, shown_ns, span_ns, reach_ns, truth, second, budget, rest, session.live)
@@ -317,11 +317,11 @@ class RecentSamples:
         self._blocks.append((block.start_ns, block.end_ns, block))
         self._held += len(block)
         while self._held - len(self._blocks[0][2]) >= self._enough:
-            known = self._blocks.popleft()
-            self._held -= len(known[2])
-            if self._has_arrival(*known[:2]):
-                self._older.append(known)
-                self._held_older += len(known[2])
+            oldest = self._blocks.popleft()
+            self._held -= len(oldest[2])
+            if self._has_arrival(*oldest[:2]):
+                self._older.append(oldest)
+                self._held_older += len(oldest[2])
         while self._held_older > self._enough:
             self._held_older -= len(self._older.popleft()[2])
 
@@ -427,8 +427,12 @@ class Traces:
 
     def of_pick(self, pick: Pick) -> float:
         """Return the signal at a pick; 0 where it is not known."""
-        known = self._picked.get((pick.topic, pick.channel))
-        return self._shown(pick.topic, pick.time_ns, *known) if known is not None else 0.0
+        column_scale = self._picked.get((pick.topic, pick.channel))
+        return (
+            self._shown(pick.topic, pick.time_ns, *column_scale)
+            if column_scale is not None
+            else 0.0
+        )
 
     def extent(self, topic: str, time_ns: int) -> tuple[float, float] | None:
         """Return from where to where the curves of a stream go about a time; None of none.

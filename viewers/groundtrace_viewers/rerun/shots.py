@@ -172,9 +172,9 @@ class ShotViews(View):
         context.summed.add("pick")
         for label in sorted(context.session.labels):
             if label.kind == "impact":
-                known = label.x_m is not None and label.y_m is not None
-                place = (label.x_m or 0.0, label.y_m or 0.0) if known else None
-                insort(self._shots, Shot(label.time_ns, place), key=lambda s: s.time_ns)
+                has_position = label.x_m is not None and label.y_m is not None
+                position = (label.x_m or 0.0, label.y_m or 0.0) if has_position else None
+                insort(self._shots, Shot(label.time_ns, position), key=lambda s: s.time_ns)
         for label in context.session.labels:
             shot = self._at(label.time_ns)
             if label.kind == "pick" and shot is not None:
@@ -203,8 +203,8 @@ class ShotViews(View):
         if shot is None:
             shot = Shot(pick.time_ns)
             insort(self._shots, shot, key=lambda s: s.time_ns)
-        known = shot.picks.get(pick.channel)
-        if known is None or pick.time_ns < known.time_ns:
+        previous = shot.picks.get(pick.channel)
+        if previous is None or pick.time_ns < previous.time_ns:
             shot.picks[pick.channel] = pick
 
     def event(self, event: Event) -> None:
@@ -224,10 +224,10 @@ class ShotViews(View):
         """Take the signal of a shot, of all streams that have some, along the line."""
         if shot.names:
             return
-        found = recorded(shot.time_ns, self._streams, self._context.traces)
-        if found is None:
+        gather = recorded(shot.time_ns, self._streams, self._context.traces)
+        if gather is None:
             return
-        times, names, values = found
+        times, names, values = gather
         shot.names, shot.along, order = along(shot, names, self._context.session.geometry)
         shot.signal = times, values[:, order]
 
@@ -264,13 +264,13 @@ class ShotViews(View):
         shots = [self._shots[k] for k in numbers]
         if not shots:
             return
-        known = [(shot, self._begins(k)) for k, shot in enumerate(self._shots) if shot.names]
-        page.travel_times(known)
+        timed_shots = [(shot, self._begins(k)) for k, shot in enumerate(self._shots) if shot.names]
+        page.travel_times(timed_shots)
         texts = [
             card(self._shots[k], k + 1, len(self._shots), context.timeline, why) for k in numbers
         ]
         page.cards([self._begins(k) for k in numbers], texts)
-        most = max(len(shot.names) for shot, _ in known)
+        most = max(len(shot.names) for shot, _ in timed_shots)
         page.overview(shots, most, context.span_ns)
         for number, shot in zip(numbers, shots, strict=True):
             if shot.time_ns not in self._told:
@@ -281,8 +281,8 @@ class ShotViews(View):
     def _why(self) -> Mapping[tuple[str, int], BadPick]:
         """Return the account of bad picks, by channel and true arrival [ns]."""
         session = self._context.session
-        known = any(label.kind == "pick" for label in session.labels)
-        if not known or not session.pipeline or self._context.stages.last("pick") is None:
+        has_picks = any(label.kind == "pick" for label in session.labels)
+        if not has_picks or not session.pipeline or self._context.stages.last("pick") is None:
             return {}
         from groundtrace.explain.why_picks import pick_account
 
@@ -313,13 +313,13 @@ def recorded(
     parts: list[Array] = []
     times = np.empty(0)
     for topic, columns in streams.items():
-        found = traces.between(topic, time_ns, time_ns + AFTER_NS, columns)
-        if found is None or not columns:
+        segment = traces.between(topic, time_ns, time_ns + AFTER_NS, columns)
+        if segment is None or not columns:
             continue
-        own = (found[0] - time_ns) / 1e6
-        times = times if len(times) else own
-        same = len(times) == len(own)
-        parts += [v if same else np.interp(times, own, v) for v in found[1].T]
+        times_ms = (segment[0] - time_ns) / 1e6
+        times = times if len(times) else times_ms
+        same = len(times) == len(times_ms)
+        parts += [v if same else np.interp(times, times_ms, v) for v in segment[1].T]
         channels = traces.blocks(topic, time_ns, time_ns + AFTER_NS)[0].stream.channels
         names += [channels[i].name for i in columns]
     return (times, names, np.stack(parts, axis=1)) if parts else None
@@ -333,9 +333,9 @@ def along(
     Where places are unknown they keep their order, and are so far from the first as they are many.
     """
     places = {s.channel: (s.x, s.y) for s in geometry.sensors} if geometry is not None else {}
-    kept = np.arange(len(names))
+    index = np.arange(len(names))
     if not all(name in places for name in names):
-        return list(names), kept.astype(np.float64), kept
+        return list(names), index.astype(np.float64), index
     at = np.array([places[name] for name in names])
     centred = at - at.mean(axis=0)
     axis = np.linalg.svd(centred)[2][0]
@@ -367,9 +367,9 @@ def card(
         f"{len(late)} late, {len(missed)} not picked"
     ]
     for name in [*wrong[:1], *missed[:1]]:
-        known = why.get((name, shot.truth[name]))
-        if known is not None:
-            lines.append(f"**{name}** {known.reason.cause}: {known.reason.text}")
+        bad_pick = why.get((name, shot.truth[name]))
+        if bad_pick is not None:
+            lines.append(f"**{name}** {bad_pick.reason.cause}: {bad_pick.reason.text}")
     text = "  \n".join(lines)
     if not wrong:
         return text
@@ -487,7 +487,7 @@ class _Drawing(Sketch):
         self.timeline.static(f"{TRAVEL}/grid", grid)
         words = axes.words()
         scale = rr.Points2D(
-            [place for place, _ in words],
+            [position for position, _ in words],
             labels=[text for _, text in words],
             show_labels=True,
             radii=0.0,
@@ -495,7 +495,7 @@ class _Drawing(Sketch):
         )
         self.timeline.static(f"{TRAVEL}/scale", scale)
         curves = [axes.curves(shot) for shot, _ in shots]
-        flat = [curve for own in curves for curve in own]
+        flat = [curve for shot_curves in curves for curve in shot_curves]
         if flat:
             all_of = rr.LineStrips2D(strips_of(flat), colors=_BESIDE, radii=-0.6, draw_order=1.0)
             self.timeline.static(f"{TRAVEL}/others", all_of)
@@ -509,9 +509,14 @@ class _Drawing(Sketch):
                 ("wrong", MISSED, 1.9, False),
             )
         ):
-            rows = [crosses(list(own[number].values()), half, upright=upright) for own in marks]
+            rows = [
+                crosses(list(channels[number].values()), half, upright=upright)
+                for channels in marks
+            ]
             self.lines(f"{TRAVEL}/{what}", times, rows, colour, -1.2)
-        named = [_apart(shot, own[2]) for (shot, _), own in zip(shots, marks, strict=True)]
+        named = [
+            _apart(shot, channels[2]) for (shot, _), channels in zip(shots, marks, strict=True)
+        ]
         self.words(f"{TRAVEL}/names", times, named, MISSED)
 
     def cards(self, times: Sequence[int], texts: Sequence[str]) -> None:
@@ -589,13 +594,17 @@ class _Axes:
     def curves(self, shot: Shot) -> list[Line]:
         """Return the picks of a shot as a curve to either side."""
         far = dict(zip(shot.names, shot.along.tolist(), strict=True))
-        found: list[Line] = []
+        curves: list[Line] = []
         for side in (-1.0, 1.0):
-            own = [n for n in shot.names if n in shot.picks and side * far[n] >= (side < 0) * 1e-9]
-            own.sort(key=lambda n: abs(far[n]))
-            if len(own) > 1:
-                found.append([self.at(far[n], shot.after_ms(shot.picks[n].time_ns)) for n in own])
-        return found
+            names = [
+                n for n in shot.names if n in shot.picks and side * far[n] >= (side < 0) * 1e-9
+            ]
+            names.sort(key=lambda n: abs(far[n]))
+            if len(names) > 1:
+                curves.append(
+                    [self.at(far[n], shot.after_ms(shot.picks[n].time_ns)) for n in names]
+                )
+        return curves
 
     def marks(self, shot: Shot) -> tuple[dict[str, tuple[float, float]], ...]:
         """Return where true arrivals, picks that are right, and wrong ones are, by channel."""
@@ -605,7 +614,7 @@ class _Axes:
         at = {
             n: self.at(far[n], shot.after_ms(shot.picks[n].time_ns)) for n in far if n in shot.picks
         }
-        right = {n: place for n, place in at.items() if n not in wrong}
+        right = {n: point for n, point in at.items() if n not in wrong}
         return true, right, {n: at[n] for n in wrong}
 
 
@@ -613,12 +622,12 @@ def _apart(
     shot: Shot, places: Mapping[str, tuple[float, float]]
 ) -> list[tuple[tuple[float, float], str]]:
     """Return wrong picks that can be named without one name over another, the worst first."""
-    kept: list[tuple[tuple[float, float], str]] = []
+    labels: list[tuple[tuple[float, float], str]] = []
     for name in shot.wrong:
         x, y = places[name]
-        if len(kept) < MOST_NAMED and all(abs(x - other[0]) > NAMED_APART for other, _ in kept):
-            kept.append(((x, y - 9.0 if shot.error_ms(name) > 0 else y + 4.0), name))
-    return kept
+        if len(labels) < MOST_NAMED and all(abs(x - other[0]) > NAMED_APART for other, _ in labels):
+            labels.append(((x, y - 9.0 if shot.error_ms(name) > 0 else y + 4.0), name))
+    return labels
 
 
 #: What is filled of a trace, and travel times of other shots.

@@ -213,14 +213,14 @@ def _times_of(part: Part) -> NDArray[np.int64]:
 
 def _within(parts: Sequence[Part], start_ns: int, end_ns: int) -> list[Part]:
     """Return what of blocks and ends lies in a half-open span."""
-    found: list[Part] = []
+    clipped: list[Part] = []
     for part in parts:
         if isinstance(part, SignalBlock):
             inside = part.between(start_ns, end_ns)
-            found += [inside] if len(inside) else []
+            clipped += [inside] if len(inside) else []
         elif start_ns <= part < end_ns:
-            found.append(part)
-    return found
+            clipped.append(part)
+    return clipped
 
 
 def _fill(
@@ -572,9 +572,12 @@ class ChannelRows:
         times, peaks = self._whole()
         if not np.isfinite(peaks).any():
             return
-        own = np.nanmax(peaks, axis=0)
+        channel_peaks = np.nanmax(peaks, axis=0)
         numbers = np.arange(1.0, peaks.shape[1] + 1)
-        for scale, top in (("one scale", np.full_like(own, own.max())), ("each its own", own)):
+        for scale, top in (
+            ("one scale", np.full_like(channel_peaks, channel_peaks.max())),
+            ("each its own", channel_peaks),
+        ):
             height = ROW_HEIGHT * peaks / np.where(top > 0, top, 1.0)
             rows = numbers + np.rint(height * ROW_STEPS) / ROW_STEPS
             entity, style = self._styles.rows(self._curves, scale)

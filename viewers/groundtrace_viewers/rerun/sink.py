@@ -462,8 +462,8 @@ class TimelineReplay:
         self._flush_every_ns = pace.flush_ns
         self._flushed_ns = session.start_ns
         self.close_ups = CloseUps(timeline, context.plan, session, pace.lag_ns)
-        known = dict.fromkeys(view for views in VIEWS.values() for view in views)
-        made = {view: view(context) for view in known if view.fits(context)}
+        view_types = dict.fromkeys(view for views in VIEWS.values() for view in views)
+        made = {view: view(context) for view in view_types if view.fits(context)}
         self._of_kind = {
             kind: [made[view] for view in views if view in made] for kind, views in VIEWS.items()
         }
@@ -578,11 +578,11 @@ class CloseUpTimes:
             until = last_ns - self._lag_ns
             if until - self._reached_ns < self._every_ns:
                 return []
-        found = self._between(self._reached_ns, until)
+        moments = self._between(self._reached_ns, until)
         late = self._late if self._chosen("step") else []
         self._reached_ns, self._late = until, []
         self._steps = [t for t in self._steps if t >= until - MARGIN_NS]
-        return _apart(sorted([*late, *found]))
+        return _apart(sorted([*late, *moments]))
 
     def _between(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the moments of a half-open span."""
@@ -593,8 +593,8 @@ class CloseUpTimes:
         first, last = bisect_left(self._true_ns, reach[0]), bisect_left(self._true_ns, reach[1])
         labels = (*self._session.labels, *self._true[first:last])
         near = [t for t in self._steps if reach[0] <= t < reach[1]]
-        found = verdicts(replace(self._session, labels=labels), near, reach)
-        judged = [one.time_ns for one in found if self._chosen(one.verdict)]
+        outcomes = verdicts(replace(self._session, labels=labels), near, reach)
+        judged = [one.time_ns for one in outcomes if self._chosen(one.verdict)]
         steps = near if self._chosen("step") else []
         return [t for t in (*judged, *steps) if start_ns <= t < end_ns]
 
@@ -608,11 +608,11 @@ class CloseUpTimes:
 
 def _apart(moments: Iterable[int]) -> list[int]:
     """Return moments without those that follow another at once."""
-    kept: list[int] = []
+    retained: list[int] = []
     for time_ns in moments:
-        if not kept or time_ns - kept[-1] >= SAME_NS:
-            kept.append(time_ns)
-    return kept
+        if not retained or time_ns - retained[-1] >= SAME_NS:
+            retained.append(time_ns)
+    return retained
 
 
 class CloseUps:

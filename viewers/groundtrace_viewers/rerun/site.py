@@ -83,12 +83,12 @@ def signs_of(geometry: Geometry, colours: SensorColours) -> list[Sign]:
     placed: dict[tuple[float, float], list[Sensor]] = {}
     for sensor in geometry.sensors:
         placed.setdefault((sensor.x, sensor.y), []).append(sensor)
-    found = []
+    sensor_signs = []
     for (x, y), sensors in placed.items():
         main = next((s for s in sensors if s.axis == "z"), sensors[0])
         channels = tuple(s.channel for s in sensors)
-        found.append(Sign(main.name, colours.of(main.channel), x, y, channels))
-    return found
+        sensor_signs.append(Sign(main.name, colours.of(main.channel), x, y, channels))
+    return sensor_signs
 
 
 def placed(session: ReplaySession) -> list[Label]:
@@ -108,13 +108,13 @@ def places(session: ReplaySession) -> NDArray[np.float64]:
         points += [(s.x, s.y) for s in geometry.sensors]
         points += list(geometry.outline)
         points += [(x, y) for _, x, y in geometry.sources]
-    known = np.array(points, np.float64).reshape(-1, 2)
-    return _around(known) if session.application == "vehicle" and len(known) else known
+    positions = np.array(points, np.float64).reshape(-1, 2)
+    return _around(positions) if session.application == "vehicle" and len(positions) else positions
 
 
-def _around(known: NDArray[np.float64]) -> NDArray[np.float64]:
+def _around(positions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the corners of what is shown around sensors that vehicles pass."""
-    low, high = known.min(axis=0), known.max(axis=0)
+    low, high = positions.min(axis=0), positions.max(axis=0)
     reach = np.maximum(REACH * (high - low), LEAST_REACH_M)
     return np.array([low - reach, high + reach])
 
@@ -129,11 +129,11 @@ def bounds(session: ReplaySession) -> Bounds | None:
     return framed(places(session), ROOM_MARGIN if session.application == "room" else MARGIN)
 
 
-def framed(known: NDArray[np.float64], margin: float = MARGIN) -> Bounds | None:
+def framed(positions: NDArray[np.float64], margin: float = MARGIN) -> Bounds | None:
     """Return what a map of places, shape (n, 2) [m], must show; None for fewer than two."""
-    if len(np.unique(known, axis=0)) < 2:
+    if len(np.unique(positions, axis=0)) < 2:
         return None
-    low, high = known.min(axis=0), known.max(axis=0)
+    low, high = positions.min(axis=0), positions.max(axis=0)
     extent = float(np.max(high - low))
     side, above = SIDE * extent, margin * extent
     return Bounds(
@@ -147,8 +147,8 @@ def labelled(count: int) -> list[int]:
     """Return which of the sensors are named: all, or every fourth and the last."""
     if count <= MOST_NAMES:
         return list(range(count))
-    kept = list(range(0, count - 2, 4))
-    return [*kept, count - 1]
+    every_fourth = list(range(0, count - 2, 4))
+    return [*every_fourth, count - 1]
 
 
 def named(signs: Sequence[Sign]) -> list[Sign]:
@@ -288,12 +288,12 @@ class SensorMap(View):
 
 def first_at(owner: Mapping[str, str], picks: Sequence[Pick]) -> dict[str, int]:
     """Return first arrivals [ns] by the names of signs, which own channels."""
-    found: dict[str, int] = {}
+    arrivals_ns: dict[str, int] = {}
     for pick in picks:
         name = owner.get(pick.channel)
         if name is not None:
-            found[name] = min(found.get(name, pick.time_ns), pick.time_ns)
-    return found
+            arrivals_ns[name] = min(arrivals_ns.get(name, pick.time_ns), pick.time_ns)
+    return arrivals_ns
 
 
 def shown_names(signs: Sequence[Sign], arrived: Mapping[str, int]) -> list[str]:
@@ -364,19 +364,19 @@ def log_truth_places(timeline: Timeline, labels: Sequence[Label]) -> None:
 
     if not labels:
         return
-    known = sorted(labels)
-    targets = sorted({x.target for x in known})
+    truth = sorted(labels)
+    targets = sorted({x.target for x in truth})
     walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False))
     feet = {"left": LEFT, "right": RIGHT} if len(targets) == 1 else {}
     columns = rr.Points2D.columns(
-        positions=np.array([(x.x_m, x.y_m) for x in known], np.float32),
-        colors=np.array([feet.get(x.label, walkers[x.target]) for x in known], np.uint32),
-        radii=np.full(len(known), -4.0),
+        positions=np.array([(x.x_m, x.y_m) for x in truth], np.float32),
+        colors=np.array([feet.get(x.label, walkers[x.target]) for x in truth], np.uint32),
+        radii=np.full(len(truth), -4.0),
     )
     timeline.declare(Entity(FOOTFALLS, "map", visible_s=3.0))
-    timeline.send(FOOTFALLS, [x.time_ns for x in known], columns)
+    timeline.send(FOOTFALLS, [x.time_ns for x in truth], columns)
     for target in targets:
-        walked = [x for x in known if x.kind != "impact" and x.target == target]
+        walked = [x for x in truth if x.kind != "impact" and x.target == target]
         path = f"{PATH}/{target}" if target else PATH
         line = GrowingLine(timeline, path, walkers[target], -1.2)
         line.add([(x.time_ns, (x.x_m or 0.0, x.y_m or 0.0)) for x in walked])
@@ -429,10 +429,10 @@ def signs(
         if way == 0.0:
             continue
         x, y = (end - start) / way
-        turned = size_m * TIP @ np.array([(x, y), (-y, x)])
+        rotated = size_m * TIP @ np.array([(x, y), (-y, x)])
         first = np.ceil(gone / apart_m) * apart_m
         along = np.arange(first, gone + way, apart_m) - gone
         at = start + np.outer(along, (x, y))
-        tips += list((at[:, np.newaxis] + turned).astype(np.float32))
+        tips += list((at[:, np.newaxis] + rotated).astype(np.float32))
         gone += way
     return tips

@@ -33,14 +33,14 @@ def thinned(times: Array, values: Array, most: int) -> tuple[Array, Array]:
     count = len(times) // size
     parts = values[: count * size].reshape(count, size, -1)
     largest = np.abs(parts).argmax(axis=1)[:, np.newaxis, :]
-    kept: Array = np.take_along_axis(parts, largest, axis=1)[:, 0, :]
-    return times[: count * size].reshape(count, size).mean(axis=1), kept
+    peaks: Array = np.take_along_axis(parts, largest, axis=1)[:, 0, :]
+    return times[: count * size].reshape(count, size).mean(axis=1), peaks
 
 
 def crosses(points: Sequence[tuple[float, float]], half: float, *, upright: bool) -> list[Line]:
     """Return two lines a point, as points of a view are discs: + where upright, else ×."""
-    turned = ((half, 0.0), (0.0, half)) if upright else ((half, half), (half, -half))
-    return [[(x - a, y - b), (x + a, y + b)] for x, y in points for a, b in turned]
+    arms = ((half, 0.0), (0.0, half)) if upright else ((half, half), (half, -half))
+    return [[(x - a, y - b), (x + a, y + b)] for x, y in points for a, b in arms]
 
 
 class Sketch:
@@ -92,7 +92,7 @@ class Sketch:
         )
         self.timeline.static(path, style)
         flat = [one for row in rows for one in row]
-        places = np.array([place for place, _ in flat], np.float32).reshape(-1, 2)
+        places = np.array([position for position, _ in flat], np.float32).reshape(-1, 2)
         columns = rr.Points2D.columns(positions=places, labels=[text for _, text in flat])
         self.timeline.send(path, times, columns.partition([len(row) for row in rows]))
 

@@ -167,8 +167,8 @@ def band_levels(
     """
     if count <= 0:
         return np.empty((0, len(cut.edges) - 1), np.float32)
-    found = power(run, start, cut.hop, count)
-    bands = np.add.reduceat(found, cut.edges[:-1], axis=1) / np.diff(cut.edges)
+    spectra = power(run, start, cut.hop, count)
+    bands = np.add.reduceat(spectra, cut.edges[:-1], axis=1) / np.diff(cut.edges)
     return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
 
 

@@ -67,8 +67,8 @@ class StationViews:
         names = [s.name for s in self._stations]
         shades = [colours.of(channels[2]) for channels in self._channels]
         places = {s.name: s.place for s in self._stations}
-        known = np.array([*((s.x, s.y) for s in geometry.sensors), *geometry.outline])
-        box = np.stack([known.min(axis=0), known.max(axis=0)])
+        positions = np.array([*((s.x, s.y) for s in geometry.sensors), *geometry.outline])
+        box = np.stack([positions.min(axis=0), positions.max(axis=0)])
         self._hodograms = HodogramView(timeline, names, shades)
         self._rays = BearingView(timeline, places, dict(zip(names, shades, strict=True)), box)
         self._traces, self._topic = traces, stream.topic
@@ -87,16 +87,16 @@ class StationViews:
 
     def step(self, time_ns: int, picks: Sequence[Pick]) -> None:
         """Show a step."""
-        found = self._bearings.pop(time_ns, {})
-        self._rays.step(time_ns, found)
+        bearings = self._bearings.pop(time_ns, {})
+        self._rays.step(time_ns, bearings)
         moved = {}
         for index, station in enumerate(self._stations):
-            own = [p.time_ns for p in picks if p.channel in self._channels[index]]
-            values = self._motion(min(own, default=time_ns), index)
+            arrivals_ns = [p.time_ns for p in picks if p.channel in self._channels[index]]
+            values = self._motion(min(arrivals_ns, default=time_ns), index)
             if len(values) < 2 * PARTS or not np.ptp(values, axis=0).all():
                 continue
-            known = found.get(station.name)
-            azimuth = known.azimuth_rad if known else polarization(values).azimuth_rad
+            bearing = bearings.get(station.name)
+            azimuth = bearing.azimuth_rad if bearing else polarization(values).azimuth_rad
             moved[index] = values, azimuth
         self._hodograms.step(time_ns, moved)
 
@@ -123,13 +123,13 @@ RAYS, FANS = f"{SITE}/bearings/rays", f"{SITE}/bearings/fans"
 
 
 def ahead(
-    place: NDArray[np.float64], angle_rad: NDArray[np.float64], box: NDArray[np.float64]
+    origin: NDArray[np.float64], angle_rad: NDArray[np.float64], box: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return where rays leave a box, shape (k, 2) [m].
 
     Parameters
     ----------
-    place
+    origin
         Shape (2,): where they begin [m].
     angle_rad
         Shape (k,): whereto.
@@ -138,15 +138,15 @@ def ahead(
     """
     towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = np.where(towards > 0, box[1] - place, box[0] - place) / towards
+        far = np.where(towards > 0, box[1] - origin, box[0] - origin) / towards
     length: NDArray[np.float64] = np.where(towards == 0, np.inf, far).min(axis=1, keepdims=True)
     least = 0.1 * float(np.max(box[1] - box[0]))
-    end: NDArray[np.float64] = place + np.maximum(length, least) * towards
+    end: NDArray[np.float64] = origin + np.maximum(length, least) * towards
     return end
 
 
 def rays(
-    bearing: Bearing, place: tuple[float, float], box: NDArray[np.float64]
+    bearing: Bearing, position: tuple[float, float], box: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return lines of a bearing: the ray, and one standard deviation to either side.
 
@@ -154,7 +154,7 @@ def rays(
     ----------
     bearing
         Of one station.
-    place
+    position
         Where it stands [m].
     box
         Shape (2, 2): lowest and highest corner of the site [m].
@@ -167,7 +167,7 @@ def rays(
     """
     sigma = bearing.sigma_rad if np.isfinite(bearing.sigma_rad) else 0.0
     angles = bearing.azimuth_rad + np.array([0.0, sigma, -sigma] if sigma else [0.0])
-    at = np.array(place, np.float64)
+    at = np.array(position, np.float64)
     end = ahead(at, angles, box)
     start = ahead(at, angles + np.pi, box) if bearing.ambiguous else np.broadcast_to(at, end.shape)
     return np.stack([start, end], axis=1)
@@ -199,11 +199,11 @@ class BearingView:
         self._colours = colours
         self._box = box
 
-    def step(self, time_ns: int, found: Mapping[str, Bearing]) -> None:
+    def step(self, time_ns: int, bearings: Mapping[str, Bearing]) -> None:
         """Show the bearings of a step, by station."""
         middles, sides = [], []
         shades, faint = [], []
-        for name, bearing in found.items():
+        for name, bearing in bearings.items():
             if name in self._places:
                 middle, *others = rays(bearing, self._places[name], self._box)
                 middles.append(middle)

@@ -242,10 +242,10 @@ class Timeline:
 
         Lanes of one number stand close below each other, in the order in which they came.
         """
-        known = self._rows.setdefault(number, [])
-        if path not in known:
-            known.append(path)
-        return FIRST_ROW - number - APART * known.index(path)
+        paths = self._rows.setdefault(number, [])
+        if path not in paths:
+            paths.append(path)
+        return FIRST_ROW - number - APART * paths.index(path)
 
     def seconds(self, time_ns: int) -> str:
         """Return a time as text: seconds since the start."""
@@ -475,8 +475,8 @@ class SensorColours:
 
     def of(self, name: str) -> int:
         """Return the colour of the channel called ``name``."""
-        place = self._place.setdefault(name, len(self._place))
-        return SENSOR_COLOURS[place % len(SENSOR_COLOURS)]
+        index = self._place.setdefault(name, len(self._place))
+        return SENSOR_COLOURS[index % len(SENSOR_COLOURS)]
 
     def of_channel(self, channel: Channel) -> int:
         """Return the axis' colour for a worn sensor's axis, else the sensor's."""
@@ -488,14 +488,14 @@ class SensorColours:
         """Return which curve is which, for the title of a plot; empty for one, or too many."""
         if not 1 < len(channels) <= MOST_IN_KEY:
             return ""
-        said = []
+        entries = []
         for channel in channels:
             if self.of_channel(channel) == AXIS_COLOURS.get(channel.axis):
-                said.append(f"{channel.axis} {AXIS_COLOUR_NAMES[channel.axis]}")
+                entries.append(f"{channel.axis} {AXIS_COLOUR_NAMES[channel.axis]}")
             else:
-                place = self._place[channel.name] % len(SENSOR_COLOURS)
-                said.append(f"{channel.name} {SENSOR_COLOUR_NAMES[place]}")
-        return ", ".join(said)
+                index = self._place[channel.name] % len(SENSOR_COLOURS)
+                entries.append(f"{channel.name} {SENSOR_COLOUR_NAMES[index]}")
+        return ", ".join(entries)
 
 
 def vehicle_colour(number: int) -> int:
@@ -624,7 +624,7 @@ class Lane:
             return
         height = self._timeline.row_of(self._path, number)
         for state in dict.fromkeys(bar.state for bar in bars):
-            own = [bar for bar in bars if bar.state == state]
+            state_bars = [bar for bar in bars if bar.state == state]
             part = rr.escape_entity_path_part(state)
             path = f"{LANES}/{self._path.removeprefix('/state/')}/{part}"
             style = rr.SeriesLines(
@@ -634,8 +634,10 @@ class Lane:
                 aggregation_policy=rr.components.AggregationPolicy.Off,
             )
             self._timeline.declare(Entity(path, "row", state), style)
-            times = np.array([(bar.start_ns, bar.end_ns, bar.end_ns + 1) for bar in own]).ravel()
-            heights = np.tile([height, height, np.nan], len(own))
+            times = np.array(
+                [(bar.start_ns, bar.end_ns, bar.end_ns + 1) for bar in state_bars]
+            ).ravel()
+            heights = np.tile([height, height, np.nan], len(state_bars))
             self._timeline.scalars(path, times, heights[:, np.newaxis])
 
     def _declare(self) -> None:
@@ -701,8 +703,8 @@ class StageLanes:
         if key not in self._lanes:
             alone = all(other != stage for other, _ in self._lanes)
             where = "" if alone else "/" + topic.strip("/")
-            place = f"{ORDER.get(emits, LAST)}-" if self._ordered else ""
-            self._lanes[key] = Lane(self._timeline, f"/state/{place}{stage}{where}", colours)
+            prefix = f"{ORDER.get(emits, LAST)}-" if self._ordered else ""
+            self._lanes[key] = Lane(self._timeline, f"/state/{prefix}{stage}{where}", colours)
         self._lanes[key].allow(colours)
         return self._lanes[key]
 
@@ -839,18 +841,18 @@ class GrowingLine:
 
     def add(self, passed: Sequence[Passed]) -> None:
         """Take places in the order of their times."""
-        known = [*self._run[-1:], *passed]
-        if len(known) > 1:
-            segments = [[a[1], b[1]] for a, b in pairwise(known)]
-            self._log(self._path, [time_ns for time_ns, _ in known[1:]], segments, SEGMENTS_S)
+        points = [*self._run[-1:], *passed]
+        if len(points) > 1:
+            segments = [[a[1], b[1]] for a, b in pairwise(points)]
+            self._log(self._path, [time_ns for time_ns, _ in points[1:]], segments, SEGMENTS_S)
         runs: list[list[Passed]] = []
-        for time_ns, place in passed:
+        for time_ns, position in passed:
             run = self._run
             long = len(run) > 1 and run[-1][0] - run[0][0] >= RUN_NS
             if len(run) > 1 and (long or time_ns - run[-1][0] >= PAUSE_NS):
                 runs.append(run)
                 self._run = run[-1:]
-            self._run.append((time_ns, place))
+            self._run.append((time_ns, position))
         self._log_runs(runs)
 
     def close(self) -> None:
@@ -861,7 +863,7 @@ class GrowingLine:
 
     def _log_runs(self, runs: list[list[Passed]]) -> None:
         if runs:
-            lines = [[place for _, place in run] for run in runs]
+            lines = [[position for _, position in run] for run in runs]
             self._log(f"{self._path}/{RUNS}", [run[-1][0] for run in runs], lines, np.inf)
 
     def _log(

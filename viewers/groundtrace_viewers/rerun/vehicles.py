@@ -143,8 +143,8 @@ class CourseView(VehicleView):
 
     def colour(self, stage: str) -> int:
         """Return the colour of a stage: the last one has the first."""
-        place = list(reversed(self._specs)).index(stage)
-        return COURSE_COLOURS[place % len(COURSE_COLOURS)]
+        index = list(reversed(self._specs)).index(stage)
+        return COURSE_COLOURS[index % len(COURSE_COLOURS)]
 
     def _name(self, shown: Bounds) -> None:
         """Name the stages in the key."""
@@ -232,8 +232,8 @@ def pass_text(one: Pass) -> str:
 
 def crossing_text(one: LineCrossing) -> str:
     """Return what there is to say of a crossing."""
-    place = f"({one.x_m:.1f}, {one.y_m:.1f}) ± {one.along_sigma_m:.1f} m"
-    return f"V{one.track} {speed_text(one)} crosses {one.line} at {place}"
+    position = f"({one.x_m:.1f}, {one.y_m:.1f}) ± {one.along_sigma_m:.1f} m"
+    return f"V{one.track} {speed_text(one)} crosses {one.line} at {position}"
 
 
 def speed_text(one: Pass | LineCrossing) -> str:
@@ -272,11 +272,11 @@ class PassView(VehicleView):
         self._context.opens(one.time_ns)
         self._crossings.append(one)
         last = self._context.stages.last("track")
-        told = last is not None and last.stage == one.stage
-        if told:
+        reported = last is not None and last.stage == one.stage
+        if reported:
             line = f"{self._when(one)}  {crossing_text(one)}"
             self._lines.add("crossings", one.time_ns, line, "INFO")
-        if told and self._shown is not None:
+        if reported and self._shown is not None:
             self._mark(one, self._shown)
 
     def _when(self, one: Pass | LineCrossing) -> str:
@@ -306,9 +306,9 @@ class PassView(VehicleView):
         if last is not None:
             passes = [p for p in self._found if p.stage == last.stage]
             span_ns = self._context.span_ns
-            found = pass_verdicts(self._context.session.labels, passes, span_ns)
-            log_pass_verdicts(self._timeline, self._lines, found)
-            self._road.missed([one for one in found if one.verdict == "missed"])
+            verdicts = pass_verdicts(self._context.session.labels, passes, span_ns)
+            log_pass_verdicts(self._timeline, self._lines, verdicts)
+            self._road.missed([one for one in verdicts if one.verdict == "missed"])
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
@@ -352,21 +352,21 @@ class PassView(VehicleView):
     def _crossing_rows(self) -> None:
         import rerun as rr
 
-        found = self._crossings
+        crossings = self._crossings
         self._timeline.declare(Entity(CROSSED, "table", "Crossings"))
         columns = rr.AnyValues.columns(
-            stage=[c.stage for c in found],
-            track=np.array([c.track for c in found]),
-            line=[c.line for c in found],
-            x_m=np.array([c.x_m for c in found]),
-            y_m=np.array([c.y_m for c in found]),
-            along_sigma_m=np.array([c.along_sigma_m for c in found]),
-            time_sigma_s=np.array([c.sigma_s for c in found]),
-            speed_mps=np.array([c.speed_mps for c in found]),
-            speed_sigma_mps=np.array([c.speed_sigma_mps for c in found]),
-            heading_deg=np.degrees([c.heading_rad for c in found]),
+            stage=[c.stage for c in crossings],
+            track=np.array([c.track for c in crossings]),
+            line=[c.line for c in crossings],
+            x_m=np.array([c.x_m for c in crossings]),
+            y_m=np.array([c.y_m for c in crossings]),
+            along_sigma_m=np.array([c.along_sigma_m for c in crossings]),
+            time_sigma_s=np.array([c.sigma_s for c in crossings]),
+            speed_mps=np.array([c.speed_mps for c in crossings]),
+            speed_sigma_mps=np.array([c.speed_sigma_mps for c in crossings]),
+            heading_deg=np.degrees([c.heading_rad for c in crossings]),
         )
-        self._timeline.send(CROSSED, [c.time_ns for c in found], columns)
+        self._timeline.send(CROSSED, [c.time_ns for c in crossings], columns)
 
     kinds: ClassVar = {Pass: passed, LineCrossing: crossed}
 
@@ -409,21 +409,21 @@ def pass_verdicts(
     from groundtrace.evaluation.vehicles import match_passes
 
     first, last = span_ns
-    kept = [x for x in labels if x.kind == "pass" and first <= x.time_ns <= last]
-    known = ignored(labels, np.array([x.time_ns for x in kept], np.int64))
-    truth = sorted(x for x, no in zip(kept, known, strict=True) if not no)
+    in_span = [x for x in labels if x.kind == "pass" and first <= x.time_ns <= last]
+    excluded = ignored(labels, np.array([x.time_ns for x in in_span], np.int64))
+    truth = sorted(x for x, no in zip(in_span, excluded, strict=True) if not no)
     away = ignored(labels, np.array([p.time_ns for p in passes], np.int64))
-    found = [p for p, no in zip(passes, away, strict=True) if not no]
+    detected = [p for p, no in zip(passes, away, strict=True) if not no]
     if not truth:
         return []
-    pairs = match_passes(truth, found)
-    hit, told = [x for x, _ in pairs], [p for _, p in pairs]
+    pairs = match_passes(truth, detected)
+    hit, matched = [x for x, _ in pairs], [p for _, p in pairs]
     true = [(x, "hit" if x in hit else "missed") for x in truth]
     return sorted(
         [
             *(PassVerdict(x.time_ns, what, x.channel, _said(x)) for x, what in true),
-            *(PassVerdict(p.time_ns, "false", p.station, pass_text(p)) for p in found
-              if p not in told),
+            *(PassVerdict(p.time_ns, "false", p.station, pass_text(p)) for p in detected
+              if p not in matched),
         ]
     )  # fmt: skip
 
@@ -433,8 +433,8 @@ def wrong_passes(evidence: Evidence, events: Sequence[Event]) -> tuple[str, list
     stages = [part.spec.stage for part in evidence.stages if part.spec.emits == "pass"]
     if not stages:
         return "", []
-    found = [e for e in events if isinstance(e, Pass) and e.stage == stages[-1]]
-    verdicts = pass_verdicts(evidence.labels, found, (evidence.start_ns, evidence.end_ns))
+    passes = [e for e in events if isinstance(e, Pass) and e.stage == stages[-1]]
+    verdicts = pass_verdicts(evidence.labels, passes, (evidence.start_ns, evidence.end_ns))
     return stages[-1], [one for one in verdicts if one.verdict != "hit"]
 
 
@@ -535,13 +535,13 @@ class PresenceLane:
         length_ns = self._cycle_ns or CYCLE_NS
         ready = sorted(t for t in self._cycles if before_ns is None or t < before_ns)
         for time_ns in ready:
-            _, found = self._cycles.pop(time_ns)
+            _, cycle_state = self._cycles.pop(time_ns)
             start_ns, end_ns, state = self._open
             first_ns = time_ns - length_ns // 2
-            if found != state or first_ns > end_ns:
+            if cycle_state != state or first_ns > end_ns:
                 self._end()
                 start_ns = first_ns
-            self._open = start_ns, first_ns + length_ns, found
+            self._open = start_ns, first_ns + length_ns, cycle_state
         if before_ns is None or self._open[1] < before_ns - length_ns:
             self._end()
 
@@ -580,8 +580,8 @@ class RatioViews(VehicleView):
             return
         curves = RatioCurves(context.timeline, spec, context.span_ns)
         self._topics[spec.topic] = (spec, curves)
-        known = used(context.session, spec)
-        exponent = getattr(known.parameters, EXPONENT, 0.0) if known is not None else 0.0
+        plugin = used(context.session, spec)
+        exponent = getattr(plugin.parameters, EXPONENT, 0.0) if plugin is not None else 0.0
         if exponent:
             curves.log_truth(context.session, exponent)
 
@@ -640,13 +640,15 @@ class RatioCurves:
         import rerun as rr
 
         of = pair.replace("/", " / ")
-        told = ", ".join(f"{a} {b}" for a, b in zip(self._columns, ESTIMATOR_COLOURS, strict=False))
+        legend = ", ".join(
+            f"{a} {b}" for a, b in zip(self._columns, ESTIMATOR_COLOURS, strict=False)
+        )
         first = pair == self._spec.channels[0]
-        title = f"θ {of} [dB] ± σ: {told}" if first else f"θ {of}"
+        title = f"θ {of} [dB] ± σ: {legend}" if first else f"θ {of}"
         self._timeline.declare(Entity(self._path(pair), "ratio", title, len(self._columns)))
         # a plot of the whole recording, though cycles are where there are vehicles
-        alike = rr.SeriesLines(names="alike", colors=np.array([FAINT], np.uint32), widths=1.0)
-        self._timeline.static(f"{self._path(pair)}/alike", alike)
+        zero_line = rr.SeriesLines(names="alike", colors=np.array([FAINT], np.uint32), widths=1.0)
+        self._timeline.static(f"{self._path(pair)}/alike", zero_line)
         self._timeline.level(f"{self._path(pair)}/alike", self._span_ns, 0.0)
         for name, colour in zip(self._columns, ESTIMATOR_COLOURS.values(), strict=False):
             shade = np.array([colour], np.uint32)
@@ -670,15 +672,15 @@ class RatioCurves:
         """Log what is pending."""
         if not self._pending:
             return
-        found = DB * np.concatenate([b.value for b in self._pending]).astype(np.float64)
+        ratios_db = DB * np.concatenate([b.value for b in self._pending]).astype(np.float64)
         time_ns = np.concatenate([b.time_ns for b in self._pending])
         self._pending = []
         middle = (len(self._columns) - 1) / 2
-        for place, (name, (theta, sigma)) in enumerate(self._columns.items()):
-            times = time_ns + round((place - middle) * APART_NS)
+        for index, (name, (theta, sigma)) in enumerate(self._columns.items()):
+            times = time_ns + round((index - middle) * APART_NS)
             for row, pair in enumerate(self._spec.channels):
                 path = f"{self._path(pair)}/{name}"
-                self._log(path, times, found[:, row, theta], found[:, row, sigma])
+                self._log(path, times, ratios_db[:, row, theta], ratios_db[:, row, sigma])
 
     def _log(self, path: str, times: NDArray[np.int64], value: Array, sigma: Array) -> None:
         """Log estimates as points, and their deviations as upright bars."""
@@ -742,11 +744,11 @@ class LikelihoodView(VehicleView):
 
         path = f"{LIKELIHOOD}/{surface.stage}"
         half = surface.step_m / 2  # nodes are the middles of pixels
-        place = rr.Transform3D(
+        transform = rr.Transform3D(
             translation=(surface.x_m - half, surface.y_m - half, 0.0), scale=surface.step_m
         )
         order = rr.SegmentationImage.from_fields(draw_order=-30.0)
-        self._timeline.declare(Entity(path, "map"), place, _shades(), order)
+        self._timeline.declare(Entity(path, "map"), transform, _shades(), order)
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
@@ -896,11 +898,11 @@ class RoadPlot:
             along, _ = replace(self._site, places=way.places).along_road()
         else:
             passes = vehicles(self._session.labels)[name]
-            known = [
+            timed_positions = [
                 (x.time_ns, self._along[x.channel]) for x in passes if x.channel in self._along
             ]
-            times = np.array([t for t, _ in known], np.int64)
-            along = np.array([a for _, a in known])
+            times = np.array([t for t, _ in timed_positions], np.int64)
+            along = np.array([a for _, a in timed_positions])
         low, high = self._reach_m
         near = (along > low) & (along < high)
         if near.sum() > 1:
@@ -947,8 +949,8 @@ class RoadPlot:
         """Take the true passes that were missed."""
         import rerun as rr
 
-        known = [one for one in verdicts if one.station in self._along]
-        if not known or len(set(self._along.values())) < 2:
+        located = [one for one in verdicts if one.station in self._along]
+        if not located or len(set(self._along.values())) < 2:
             return
         if not self._begun:
             self._begin()
@@ -959,8 +961,8 @@ class RoadPlot:
             marker_sizes=6.0,
         )
         self._timeline.static(f"{ROAD}/missed", style)
-        along = np.array([[self._along[one.station]] for one in known])
-        self._timeline.scalars(f"{ROAD}/missed", [one.time_ns for one in known], along)
+        along = np.array([[self._along[one.station]] for one in located])
+        self._timeline.scalars(f"{ROAD}/missed", [one.time_ns for one in located], along)
 
     def _curve(
         self,
@@ -996,14 +998,14 @@ def vehicles(labels: Sequence[Label]) -> dict[str, list[Label]]:
 
 def true_ways(labels: Sequence[Label]) -> dict[str, Way]:
     """Return the way of each vehicle that is known at two moments or more."""
-    found = {}
+    ways = {}
     for name, those in vehicles(labels).items():
         placed = [x for x in those if x.x_m is not None and x.y_m is not None]
         times, rows = np.unique([x.time_ns for x in placed], return_index=True)
         if len(times) > 1:
             places = np.array([(placed[i].x_m, placed[i].y_m) for i in rows], np.float64)
-            found[name] = Way(times.astype(np.int64), places)
-    return found
+            ways[name] = Way(times.astype(np.int64), places)
+    return ways
 
 
 #: Between two places of a vehicle that is shown to move [ns].
@@ -1043,11 +1045,11 @@ def dashes(line: Array, length_m: float) -> list[NDArray[np.float32]]:
     length_m = max(length_m, float(reached[-1]) / (2 * MOST_DASHES))
     starts = np.arange(0.0, float(reached[-1]), 2 * length_m)
     ends = np.minimum(starts + length_m, reached[-1])
-    found = [
+    endpoints = [
         np.column_stack([np.interp(at, reached, column) for column in line.T])
         for at in (starts, ends)
     ]
-    return list(np.stack(found, axis=1).astype(np.float32))
+    return list(np.stack(endpoints, axis=1).astype(np.float32))
 
 
 def log_moving(

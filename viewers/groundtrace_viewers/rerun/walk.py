@@ -68,8 +68,8 @@ def _satellite_fixes(block: SignalBlock, plane: TangentPlane) -> list[PositionRe
     """Return the satellite fixes of a block; none where it is of something else."""
     from groundtrace.inertial.steps import satellite_columns, satellite_fixes
 
-    known = satellite_columns(block.stream) is not None
-    return list(satellite_fixes(block, plane, 0.0)) if known else []
+    has_fixes = satellite_columns(block.stream) is not None
+    return list(satellite_fixes(block, plane, 0.0)) if has_fixes else []
 
 
 class WalkMap(View):
@@ -156,7 +156,7 @@ class WalkMap(View):
         self._timeline.static(TRUE, rr.Transform3D(translation=shift, mat3x3=rotation))
         places = turn(np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true]))
         moved = zip(self._true, places.tolist(), strict=True)
-        self._true = [replace(x, x_m=place[0], y_m=place[1]) for x, place in moved]
+        self._true = [replace(x, x_m=position[0], y_m=position[1]) for x, position in moved]
         self._keys = [(f"{name}, turned onto the track", colour) for name, colour in self._keys]
 
     def _begin(self) -> None:
@@ -188,15 +188,15 @@ class WalkMap(View):
         """Log the distinct waypoints, named by their labels, else by number."""
         import rerun as rr
 
-        known = np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true])
-        apart = SAME * float(np.ptp(known, axis=0).max())
+        positions = np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true])
+        apart = SAME * float(np.ptp(positions, axis=0).max())
         places: list[tuple[float, float]] = []
         names: list[list[str]] = []
         for label in sorted(labels):
-            place = (label.x_m or 0.0, label.y_m or 0.0)
-            same = [i for i, p in enumerate(places) if np.hypot(*np.subtract(p, place)) <= apart]
+            position = (label.x_m or 0.0, label.y_m or 0.0)
+            same = [i for i, p in enumerate(places) if np.hypot(*np.subtract(p, position)) <= apart]
             if not same:
-                places.append(place)
+                places.append(position)
                 names.append([])
             entry = names[same[0] if same else -1]
             if label.label and label.label not in entry:
@@ -214,19 +214,19 @@ class WalkMap(View):
         self._timeline.static(WAYPOINTS, points)
         self._keys.append(("waypoint", WAYPOINT))
 
-    def _log_fix(self, time_ns: int, place: tuple[float, float]) -> None:
+    def _log_fix(self, time_ns: int, position: tuple[float, float]) -> None:
         """Log a satellite fix, and a line to it from the one before."""
         import rerun as rr
 
         if ("GNSS", SATELLITE) not in self._keys:
             self._keys.append(("GNSS", SATELLITE))
-        self._reach(place)
+        self._reach(position)
         points = rr.Points2D.columns(
-            positions=[place], colors=np.array([SATELLITE], np.uint32), radii=[-1.8]
+            positions=[position], colors=np.array([SATELLITE], np.uint32), radii=[-1.8]
         )
         self._timeline.declare(Entity(f"{SATELLITES}/points", "map", visible_s=np.inf))
         self._timeline.send(f"{SATELLITES}/points", [time_ns], points)
-        self._between.add([(time_ns, place)])
+        self._between.add([(time_ns, position)])
 
     def _log_key(self, bounds: Bounds) -> None:
         import rerun as rr
@@ -289,11 +289,11 @@ class StreetMap(View):
         self._plane = _plane(site)
         self._tracks: dict[str, list[TrackPoint]] = {}
         placed = sorted(x for x in session.labels if x.x_m is not None and x.y_m is not None)
-        known: dict[str, Places] = {}
+        by_kind: dict[str, Places] = {}
         for label in placed:
-            known.setdefault(label.kind, []).append((label.x_m or 0.0, label.y_m or 0.0))
-        self._truth = known.get("step") or known.get("heading", [])
-        self._waypoints = known.get("waypoint", [])
+            by_kind.setdefault(label.kind, []).append((label.x_m or 0.0, label.y_m or 0.0))
+        self._truth = by_kind.get("step") or by_kind.get("heading", [])
+        self._waypoints = by_kind.get("waypoint", [])
 
     @staticmethod
     def fits(context: ViewContext) -> bool:
@@ -329,7 +329,7 @@ class StreetMap(View):
             self._log_waypoints(self._waypoints)
 
     def _degrees(self, places: Places) -> list[tuple[float, float]]:
-        positions = [self._plane.position(*place) for place in places]
+        positions = [self._plane.position(*point) for point in places]
         return [tuple(pair) for pair in np.degrees(positions).tolist()]
 
     def _log_points(

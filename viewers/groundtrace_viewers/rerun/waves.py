@@ -75,8 +75,8 @@ def averaged(times: Array, values: Array) -> tuple[Array, Array]:
     """Return at most :data:`MOST_SAMPLES` samples, each the mean of neighbours: less noise."""
     size = -(-len(times) // MOST_SAMPLES)
     count = len(times) // size
-    kept: Array = values[: count * size].reshape(count, size, -1).mean(axis=1)
-    return times[: count * size].reshape(count, size).mean(axis=1), kept
+    means: Array = values[: count * size].reshape(count, size, -1).mean(axis=1)
+    return times[: count * size].reshape(count, size).mean(axis=1), means
 
 
 class StepWaves(View):
@@ -98,8 +98,8 @@ class StepWaves(View):
     @staticmethod
     def fits(context: ViewContext) -> bool:
         """Whether steps in a room are replayed, and truth says when they were, or they come now."""
-        known = any(x.kind in ("step", "impact") for x in context.session.labels)
-        return context.session.application == "room" and (known or context.session.live)
+        has_truth = any(x.kind in ("step", "impact") for x in context.session.labels)
+        return context.session.application == "room" and (has_truth or context.session.live)
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block: the waves of steps that end before its end are there."""
@@ -154,11 +154,11 @@ class StepWaves(View):
         context = self._context
         if before_ns is None or not context.watched or context.stages.last("step") is None:
             return
-        found = set(self._found)
-        self._draw_all([t for t in sorted(self._waves) if t in found or t < before_ns])
+        steps_ns = set(self._found)
+        self._draw_all([t for t in sorted(self._waves) if t in steps_ns or t < before_ns])
         # a replay that goes on for days keeps nothing that is drawn
-        kept = [b for b in self._candidates if b.time_ns[-1] >= before_ns - LATE_NS]
-        self._candidates = kept or self._candidates[-1:]
+        recent = [b for b in self._candidates if b.time_ns[-1] >= before_ns - LATE_NS]
+        self._candidates = recent or self._candidates[-1:]
         self._found = [t for t in self._found if t >= before_ns - LATE_NS]
 
     def close(self) -> None:
@@ -185,22 +185,22 @@ class StepWaves(View):
 
     def _wrong(self, time_ns: int) -> bool:
         """Whether a true step was not found at its time, or a found one is none."""
-        found = np.array(self._found, np.int64)
-        near = len(found) and np.abs(found - time_ns).min() <= TOLERANCE_NS
+        steps_ns = np.array(self._found, np.int64)
+        near = len(steps_ns) and np.abs(steps_ns - time_ns).min() <= TOLERANCE_NS
         return not near or time_ns not in self._true
 
     def _heard(self, time_ns: int) -> dict[tuple[str, str], Heard]:
         """Return what each topic and channel had at a step: its pick, else its best candidate."""
-        known: dict[tuple[str, str], Heard] = {}
+        arrivals: dict[tuple[str, str], Heard] = {}
         for block in self._candidates:
             first, last = np.searchsorted(block.time_ns, [time_ns - EARLY_NS, time_ns + LATE_NS])
             for row in range(int(first), int(last)):
                 name = block.spec.topic, block.spec.channels[int(block.channel[row])]
                 value, picked = float(block.gate_value[row, 0]), bool(block.accepted[row])
-                before = known.get(name)
+                before = arrivals.get(name)
                 if before is None or (picked, value) > (before.picked, before.value):
-                    known[name] = Heard(int(block.time_ns[row]), value, picked)
-        return known
+                    arrivals[name] = Heard(int(block.time_ns[row]), value, picked)
+        return arrivals
 
     def _draw(self, time_ns: int, when_ns: int) -> None:
         """Draw the waves of a step."""
@@ -213,8 +213,8 @@ class StepWaves(View):
         sketch, when = Sketch(timeline, _ORDER), [when_ns]
         apart = HIGH / (len(rows) + 1.0)
         height = {
-            (wave.topic, wave.names[column]): apart * (place + 1.0)
-            for place, (wave, column) in enumerate(rows)
+            (wave.topic, wave.names[column]): apart * (index + 1.0)
+            for index, (wave, column) in enumerate(rows)
         }
         lines: list[Line] = []
         for wave, column in rows:
@@ -239,14 +239,14 @@ class StepWaves(View):
         height: Mapping[tuple[str, str], float],
     ) -> None:
         """Draw what each channel had, its name and value, and the true arrivals."""
-        heard = self._heard(time_ns)
-        place = {
+        arrivals = self._heard(time_ns)
+        positions = {
             name: (float(_across(np.array((one.time_ns - time_ns) / 1e6))), height[name])
-            for name, one in heard.items()
+            for name, one in arrivals.items()
             if name in height
         }
-        picked = [place[n] for n in place if heard[n].picked]
-        lost = [place[n] for n in place if not heard[n].picked]
+        picked = [positions[n] for n in positions if arrivals[n].picked]
+        lost = [positions[n] for n in positions if not arrivals[n].picked]
         sketch.points(f"{WAVES}/picked", when, [picked], ACCEPTED, -4.5)
         sketch.lines(f"{WAVES}/below", when, [crosses(lost, 2.0, upright=False)], MISSED, -1.6)
         of_step = {
@@ -258,15 +258,15 @@ class StepWaves(View):
         sketch.lines(f"{WAVES}/truth", when, [crosses(true, 2.6, upright=True)], TRUTH, -1.1)
         named = list(height)[:: 1 if len(height) <= MOST_NAMED else 2]
         for what, colour, wanted in (
-            ("yes", ACCEPTED, [n for n in height if n in heard and heard[n].picked]),
-            ("no", MISSED, [n for n in height if n not in heard or not heard[n].picked]),
+            ("yes", ACCEPTED, [n for n in height if n in arrivals and arrivals[n].picked]),
+            ("no", MISSED, [n for n in height if n not in arrivals or not arrivals[n].picked]),
         ):
             wanted = [n for n in wanted if what == "no" or n in named]
             names = [((-12.0, height[n] - LABEL_UP), n[1]) for n in wanted]
             values = [
                 (
                     (WIDE + 12.0, height[n] - LABEL_UP),
-                    readable(heard[n].value, 3) if n in heard else "-",
+                    readable(arrivals[n].value, 3) if n in arrivals else "-",
                 )
                 for n in wanted
             ]

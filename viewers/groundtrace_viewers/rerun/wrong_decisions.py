@@ -92,18 +92,18 @@ def verdicts(
     first, last = replayed_ns
     labels = [x for x in session.labels if x.kind != "step" or first <= x.time_ns <= last]
     detected = np.array(steps_ns, np.int64)
-    found = match_steps(labels, detected, session.start_ns, session.end_ns, TOLERANCE_S)
-    pairs = timing_pairs(found)
+    match = match_steps(labels, detected, session.start_ns, session.end_ns, TOLERANCE_S)
+    pairs = timing_pairs(match)
     texts = {p.truth_ns: found_text(p, TOLERANCE_S) for p in pairs}
     texts |= {p.found_ns: answers_text(p, TOLERANCE_S) for p in pairs}
     right = [
-        Verdict(int(found.truth_ns[t]), "hit", "", int(found.found_ns[d])) for t, d in found.pairs
+        Verdict(int(match.truth_ns[t]), "hit", "", int(match.found_ns[d])) for t, d in match.pairs
     ]
     wrong = [
         Verdict(int(t), verdict, texts.get(int(t), ""))
         for verdict, times in (
-            ("missed", found.truth_ns[found.missed]),
-            ("false", found.found_ns[found.false]),
+            ("missed", match.truth_ns[match.missed]),
+            ("false", match.found_ns[match.false]),
         )
         for t in times
     ]
@@ -132,10 +132,10 @@ class WrongSteps(View):
         """Remember how far the acceleration of a worn sensor goes, for the bands over it."""
         columns = block.stream.columns_of({"acceleration"})
         if columns and block.stream.rate_hz <= FULL_RATE_HZ:
-            felt = block.values[:, columns]
+            specific_force = block.values[:, columns]
             low, high = self._felt.get(block.topic, (0.0, 0.0))
-            norm = float(np.linalg.norm(felt, axis=1).max())
-            self._felt[block.topic] = min(low, float(felt.min())), max(high, norm)
+            norm = float(np.linalg.norm(specific_force, axis=1).max())
+            self._felt[block.topic] = min(low, float(specific_force.min())), max(high, norm)
 
     def step(self, step: StepEvent) -> None:
         """Take a step."""
@@ -148,9 +148,9 @@ class WrongSteps(View):
         context = self._context
         if context.stages.last("step") is None or context.replayed_ns is None:
             return
-        found = verdicts(context.session, self._steps_ns, context.replayed_ns)
-        _log_lane(context.timeline, found)
-        wrong = [one for one in found if one.verdict != "hit"]
+        outcomes = verdicts(context.session, self._steps_ns, context.replayed_ns)
+        _log_lane(context.timeline, outcomes)
+        wrong = [one for one in outcomes if one.verdict != "hit"]
         if not wrong:
             return
         context.opens_ns = wrong[0].time_ns + TOLERANCE_NS
@@ -158,7 +158,7 @@ class WrongSteps(View):
             _log_lines(context.timeline, context.lines, wrong)
             return
         evidence = evidence_of(results_of(context.session, self._events))
-        decisions = _decisions(evidence, found)
+        decisions = _decisions(evidence, outcomes)
         DecisionCard(context.timeline, decisions).log(context.span_ns[0])
         _log_lines(context.timeline, context.lines, wrong, decisions)
         GatesPlot(context.timeline, evidence, context.span_ns).log(wrong)
@@ -204,8 +204,8 @@ class WrongPasses(View):
     @staticmethod
     def fits(context: ViewContext) -> bool:
         """Whether there is truth to tell by, and a pipeline that may have found passes."""
-        known = any(label.kind == "pass" for label in context.session.labels)
-        return known and bool(context.session.pipeline)
+        has_truth = any(label.kind == "pass" for label in context.session.labels)
+        return has_truth and bool(context.session.pipeline)
 
     def event(self, event: Event) -> None:
         """Keep what decisions are explained by."""
@@ -215,8 +215,8 @@ class WrongPasses(View):
         """Log all of them, where a stage finds passes."""
         context = self._context
         results = results_of(context.session, self._events)
-        known = any(label.kind == "pass" for label in results.labels)
-        if context.stages.last("pass") is None or not known:
+        has_truth = any(label.kind == "pass" for label in results.labels)
+        if context.stages.last("pass") is None or not has_truth:
             return
         from groundtrace.explain.why_vehicles import vehicle_account
 
@@ -255,9 +255,9 @@ def results_of(session: ReplaySession, events: Sequence[Event]) -> Results:
     return Results(session.name, origin, labels, session.geometry, tuple(events))
 
 
-def _log_lane(timeline: Timeline, found: Sequence[Verdict]) -> None:
+def _log_lane(timeline: Timeline, outcomes: Sequence[Verdict]) -> None:
     lane = Lane(timeline, SCORE, VERDICT_COLOURS)
-    for one in found:
+    for one in outcomes:
         lane.add(one.time_ns, one.verdict)
     lane.flush()
 
@@ -272,9 +272,9 @@ def _log_lines(
     counts = Counter(one.verdict for one in wrong)
     title = f"Wrong: {counts['missed']} missed, {counts['false']} false"
     timeline.declare(Entity("/log/score", "wrong", title))
-    said = {(d.verdict, d.time_ns): d for d in decisions}
+    decision_of = {(d.verdict, d.time_ns): d for d in decisions}
     for one in wrong:
-        decision = said.get((one.verdict, one.time_ns))
+        decision = decision_of.get((one.verdict, one.time_ns))
         why = one.text if decision is None else decision.line
         which = f" {decision.step}" if decision is not None and decision.step else ""
         said_of = f"{one.verdict} step{which}{f': {why}' if why else ''}"
@@ -332,15 +332,15 @@ MOST_MENDED = 1000
 NOT_TRIED = f"more than {MOST_MENDED} are wrong, no change was tried:"
 
 
-def _decisions(evidence: Evidence, found: Sequence[Verdict]) -> list[Decision]:
+def _decisions(evidence: Evidence, outcomes: Sequence[Verdict]) -> list[Decision]:
     """Return what was decided about every step, in the order of time."""
     from groundtrace.explain.why import explain_steps
 
     explained = explain_steps(evidence, TOLERANCE_S, MOST_MENDED)
-    texts = {one.time_ns: one.text for one in found}
+    texts = {one.time_ns: one.text for one in outcomes}
     number = {m.step for m in explained.missed}
-    right = [one for one in found if one.verdict == "hit"]
-    numbers = (n for n in range(1, len(found) + 1) if n not in number)
+    right = [one for one in outcomes if one.verdict == "hit"]
+    numbers = (n for n in range(1, len(outcomes) + 1) if n not in number)
     all_of = [
         *(_right(evidence, one, n) for one, n in zip(right, numbers, strict=False)),
         *(_missed(evidence, one, explained, n) for n, one in enumerate(explained.missed)),
@@ -356,13 +356,13 @@ def _right(evidence: Evidence, one: Verdict, step: int) -> Decision:
     return Decision(one.time_ns, "hit", title, how, gates=gates_at(evidence, one.found_ns))
 
 
-def _missed(evidence: Evidence, one: Missed, explained: StepExplanation, place: int) -> Decision:
+def _missed(evidence: Evidence, one: Missed, explained: StepExplanation, index: int) -> Decision:
     time_ns = _nanoseconds(evidence, one.time_s)
     title = f"Missed: step {one.step}, {_seconds(evidence, time_ns)}"
     none = "no change of one or two parameters finds it without harm"
     if explained.untried:
         none = f"no change was tried: {explained.untried} needs a replay"
-    elif place >= MOST_MENDED:
+    elif index >= MOST_MENDED:
         none = f"{NOT_TRIED} groundtrace why --step {one.step} looks for one"
     remedy, effect = _mended(one.remedy, none)
     text = one.reason.text
@@ -374,11 +374,11 @@ def _missed(evidence: Evidence, one: Missed, explained: StepExplanation, place: 
 
 
 def _false(
-    evidence: Evidence, one: FalseDetection, texts: Mapping[int, str], place: int
+    evidence: Evidence, one: FalseDetection, texts: Mapping[int, str], index: int
 ) -> Decision:
     time_ns = _nanoseconds(evidence, one.time_s)
     none = "no change of one or two parameters removes it"
-    if place >= MOST_MENDED:
+    if index >= MOST_MENDED:
         none = f"{NOT_TRIED} groundtrace why --at {one.time_s:.3f} looks for one"
     remedy, effect = _mended(one.remedy, none)
     cause = "; ".join(filter(None, (texts.get(time_ns, ""), let_pass(one.narrowest))))
@@ -513,10 +513,10 @@ class DecisionCard:
 
         strips, colours = [], []
         for row in gates:
-            for place, gate in enumerate(row):
+            for index, gate in enumerate(row):
                 far = doublings(gate.value, gate.threshold, passed=gate.passed)
                 end = far * HALF_LENGTH / REACH
-                strips.append([(0.0, ROW * place), (end, ROW * place)])
+                strips.append([(0.0, ROW * index), (end, ROW * index)])
                 colours.append(ACCEPTED if gate.passed else MISSED)
         style = rr.LineStrips2D.from_fields(radii=HALF_BAR, draw_order=2.0)
         self._timeline.static(f"{BARS}/bar", style)
@@ -535,12 +535,12 @@ class DecisionCard:
     ) -> None:
         import rerun as rr
 
-        shown = [(place, gate) for row in gates for place, gate in enumerate(row)]
+        shown = [(index, gate) for row in gates for index, gate in enumerate(row)]
         path = f"{BARS}/{name}"
         style = rr.Points2D.from_fields(show_labels=True, radii=0.0)
         self._timeline.static(path, style)
         columns = rr.Points2D.columns(
-            positions=np.array([(x, ROW * place - LABEL_UP) for place, _ in shown], np.float32),
+            positions=np.array([(x, ROW * index - LABEL_UP) for index, _ in shown], np.float32),
             labels=[words(gate) for _, gate in shown],
             colors=np.array([NORM if gate.passed else MISSED for _, gate in shown], np.uint32),
         )
@@ -596,20 +596,22 @@ class SensorVerdicts:
         self._timeline.send(f"{VERDICTS}/rings", times, columns.partition(counts))
         words = rr.Points2D.from_fields(show_labels=True, radii=0.0)
         self._timeline.static(f"{VERDICTS}/words", words)
-        told = [[ring for ring in row if ring.text] for row in rings]
-        red = [ring for row in told for ring in row]
-        said = rr.Points2D.columns(
+        labelled = [[ring for ring in row if ring.text] for row in rings]
+        red = [ring for row in labelled for ring in row]
+        word_columns = rr.Points2D.columns(
             positions=np.array([ring.place for ring in red], np.float32)
             + np.array([self._beside(ring.place) for ring in red], np.float32),
             labels=[ring.text for ring in red],
             colors=np.array([ring.colour for ring in red], np.uint32),
         )
-        self._timeline.send(f"{VERDICTS}/words", times, said.partition([len(row) for row in told]))
+        self._timeline.send(
+            f"{VERDICTS}/words", times, word_columns.partition([len(row) for row in labelled])
+        )
 
-    def _beside(self, place: tuple[float, float]) -> tuple[float, float]:
+    def _beside(self, position: tuple[float, float]) -> tuple[float, float]:
         """Return where a verdict stands from its sensor: clear of its name and of the map's key."""
         highest = max(y for _, y in self._place.values())
-        near_key = place[1] > highest - ABOVE * self._extent
+        near_key = position[1] > highest - ABOVE * self._extent
         return 0.0, (-BELOW if near_key else ABOVE) * self._extent
 
     def _rings(self, decision: Decision) -> list[Ring]:
@@ -617,14 +619,14 @@ class SensorVerdicts:
             return []
         why = {}
         for channel in self._place:
-            said = [text for text in decision.silent if text.startswith(f"{channel} ")]
-            if said:
-                why[channel] = _short(said[0].removeprefix(f"{channel} "))
+            texts = [text for text in decision.silent if text.startswith(f"{channel} ")]
+            if texts:
+                why[channel] = _short(texts[0].removeprefix(f"{channel} "))
         here = self._true.get(decision.time_ns)
         return [
             *(
-                Ring(place, MISSED if channel in why else ACCEPTED, why.get(channel, ""))
-                for channel, place in self._place.items()
+                Ring(position, MISSED if channel in why else ACCEPTED, why.get(channel, ""))
+                for channel, position in self._place.items()
             ),
             *([] if here is None else [Ring(here, MISSED, "")]),
         ]
@@ -757,8 +759,8 @@ def _log_bands(
 
     before, after = around
     middle, variance = sum(span) / 2, ((span[1] - span[0]) / 2) ** 2
-    found = list(dict.fromkeys(one.verdict for one in wrong))
-    for verdict in found:
+    kinds = list(dict.fromkeys(one.verdict for one in wrong))
+    for verdict in kinds:
         path, colour = f"{before}/{verdict}{after}", VERDICT_COLOURS[verdict]
         at = [one.time_ns for one in wrong if one.verdict == verdict]
         edges = (-TOLERANCE_NS, TOLERANCE_NS, TOLERANCE_NS + 1)
@@ -771,4 +773,4 @@ def _log_bands(
             colors=np.full(len(times), colour, np.uint32),
         )
         timeline.send(path, times, columns)
-    return found
+    return kinds

@@ -154,8 +154,8 @@ class EarlierReplay:
 
     def app(self, port: int, token: str, more: Sequence[Route]) -> ASGIApp:
         """Return the page's server."""
-        told = self._moments.json
-        return page_app(self._rrd, told, port, token, "server", more, self._opening)
+        moments = self._moments.json
+        return page_app(self._rrd, moments, port, token, "server", more, self._opening)
 
 
 #: A replay that is stopped has so long to end [s]. Chosen by judgement: it looks at every block.
@@ -240,8 +240,10 @@ class RunningReplay:
     def _replay(self) -> None:
         recording, results, pipeline, folder = self._asked
         try:
-            _, found = replayed(recording, results, pipeline, folder, self._report, beside=[self])
-            self._told = RenewedMoments(found, self._streams).json
+            _, replay_results = replayed(
+                recording, results, pipeline, folder, self._report, beside=[self]
+            )
+            self._told = RenewedMoments(replay_results, self._streams).json
         except _StoppedError:
             pass
         except Exception as error:  # told by who waits for the begin, else here
@@ -285,10 +287,10 @@ class RenewedMoments:
 
 def _kept(store: Annotations, recording: Path) -> str:
     """Return in words what is on the disk when the server ends."""
-    count, kept = len(store.items), sidecar_path(recording).name
+    count, sidecar = len(store.items), sidecar_path(recording).name
     if count == 0:
         return f"{recording.name} has no annotations"
-    return f"{count} annotation{' is' if count == 1 else 's are'} kept in {kept}"
+    return f"{count} annotation{' is' if count == 1 else 's are'} kept in {sidecar}"
 
 
 def there(recording: Path, results: Path | None) -> tuple[Path, Results] | None:
@@ -314,11 +316,11 @@ def there(recording: Path, results: Path | None) -> tuple[Path, Results] | None:
     rrd = results.with_name(f"{results.stem.removesuffix('.results')}.rrd")
     if not rrd.is_file() or rrd.stat().st_mtime_ns < results.stat().st_mtime_ns:
         return None
-    told = told_by(rrd)
+    rrd_info = told_by(rrd)
     expected = stream_of(recording.name, _application(shown)).get_recording_id()
-    if told is None or told.recording_id != expected:
+    if rrd_info is None or rrd_info.recording_id != expected:
         return None
-    return (rrd, shown) if shown.provenance.pipeline.strip() in told.page else None
+    return (rrd, shown) if shown.provenance.pipeline.strip() in rrd_info.page else None
 
 
 def replayed(
@@ -474,18 +476,18 @@ class AnnotationSession:
 
     def edit(self, id_: str, asked: MarkRequest) -> Listing:
         """Change a mark; what a page does not show of it stays."""
-        said = label_of(_item(asked), self._store.key.start_ns)
+        requested = label_of(_item(asked), self._store.key.start_ns)
         with self._one_at_a_time:
             self._known(asked)
-            before = next((item.label for item in self._store.items if item.id == id_), said)
+            before = next((item.label for item in self._store.items if item.id == id_), requested)
             label = replace(
                 before,
-                time_ns=said.time_ns,
-                end_ns=said.end_ns,
-                kind=said.kind,
-                channel=said.channel,
-                label=said.label,
-                note=said.note,
+                time_ns=requested.time_ns,
+                end_ns=requested.end_ns,
+                kind=requested.kind,
+                channel=requested.channel,
+                label=requested.label,
+                note=requested.note,
             )
             self._store.edit(id_, label)
             self._undo = True
@@ -550,14 +552,14 @@ def api(desk: AnnotationSession) -> list[Route]:
         async def answer(request: Request) -> Response:
             try:
                 asked = await _asked(request)
-                found = await run_in_threadpool(act, request, asked)
+                reply = await run_in_threadpool(act, request, asked)
             except _TooLargeError:
                 return refusal(413, f"body: expected at most {LARGEST_BODY} bytes, found more")
             except REFUSED as error:
                 return refusal(400, str(error))
-            if isinstance(found, bytes):
-                return Response(found, media_type="application/octet-stream")
-            return Response(msgspec.json.encode(found), media_type="application/json")
+            if isinstance(reply, bytes):
+                return Response(reply, media_type="application/octet-stream")
+            return Response(msgspec.json.encode(reply), media_type="application/json")
 
         return Route(f"/api{path}", answer, methods=[method])
 

@@ -59,9 +59,9 @@ def serve_replay(shown: RerunSink, recording: Path) -> tuple[str, subprocess.Pop
     first = shown.moments_within(OPENING_S)
     options = {"opening": drawn_meanwhile(shown.decided, recording, first.opens_s)}
     if first.pending:
-        told = MomentsFile()
-        told.ended(first, shown)
-        options["moments"] = told.path
+        moments_file = MomentsFile()
+        moments_file.ended(first, shown)
+        options["moments"] = moments_file.path
     return address(port, token), _served(shown.path, port, token, first.json(), **options)
 
 
@@ -191,8 +191,8 @@ def _served(
 ) -> subprocess.Popen[bytes]:
     """Start a page's server: its moments, and where files of its options are or will be."""
     server = ["-P", "-m", "groundtrace_viewers.web.server"]
-    options = (f"{name}={place}" for name, place in places.items())
-    modules = os.pathsep.join(place for place in sys.path if place)  # empty: the working folder
+    options = (f"{name}={file}" for name, file in places.items())
+    modules = os.pathsep.join(folder for folder in sys.path if folder)  # empty: the working folder
     process = subprocess.Popen(
         [sys.executable, *server, str(path.resolve()), str(port), *options],
         env={**quiet_environment(), "PYTHONPATH": modules},

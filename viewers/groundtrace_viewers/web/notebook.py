@@ -77,11 +77,11 @@ def show(
     from .summary import sources_of
 
     path = Path(results)
-    found = recording_of(path, None if recording is None else Path(recording))
+    recording_path = recording_of(path, None if recording is None else Path(recording))
     with scratch_folder() as folder:
         target = Path(folder, "replay.rrd")
         given = None if rrd is None else Path(rrd)
-        timeline_file(sources_of(path, found), given, False, target)
+        timeline_file(sources_of(path, recording_path), given, False, target)
         # the layout goes first: without one the viewer makes its own, and keeps it
         parts = layout_of(target), target.read_bytes()
     widget = widget_class(width="auto", height=height)

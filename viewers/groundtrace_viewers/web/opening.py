@@ -48,8 +48,8 @@ def opening_drawing(results: Results, recording: Path | None, at_s: float) -> by
     matplotlib.use("agg")  # a file needs no display, and none is asked for
     from matplotlib import pyplot
 
-    known = replace(results.provenance, sha256="")
-    shown = Shown(replace(results, provenance=known), recording)
+    provenance = replace(results.provenance, sha256="")
+    shown = Shown(replace(results, provenance=provenance), recording)
     try:
         figure = _drawn(shown, at_s)
         drawing = figure_bytes(figure, ".png", results.provenance.sha256, DPI)

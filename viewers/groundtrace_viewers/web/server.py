@@ -90,7 +90,7 @@ def replay_page(
     script: str = "",
     from_file: str = "",
     opening: str = "",
-    held: Mapping[str, str] = MappingProxyType({}),
+    embedded: Mapping[str, str] = MappingProxyType({}),
     papers: Sequence[object] = (),
     downloads: Sequence[object] = (),
 ) -> str:
@@ -106,7 +106,7 @@ def replay_page(
         A script that tells the page whether it was opened as a file, which it then explains.
     opening
         Address of a drawing that is shown until the viewer is there.
-    held
+    embedded
         Files that stand in it, packed as its script reads them, by name.
     papers, downloads
         Documents and files beside the replay, or in it where anything is held in it.
@@ -118,7 +118,7 @@ def replay_page(
         **{name: Markup(text) for name, text in trusted.items()},
         from_file=Markup(from_file),
         opening=opening,
-        held=held,
+        embedded=embedded,
         papers=papers,
         downloads=downloads,
     )
@@ -199,14 +199,14 @@ class Gate:
             async with asyncio.timeout(TAKEN_S):
                 await send(message)
 
-        whole = False
+        is_complete = False
 
         async def prompt() -> Message:
-            nonlocal whole
-            async with asyncio.timeout(None if whole else STALL_S):
+            nonlocal is_complete
+            async with asyncio.timeout(None if is_complete else STALL_S):
                 message = await receive()
             # behind the request comes nothing but that its client has gone
-            whole = message["type"] == "http.request" and not message.get("more_body", False)
+            is_complete = message["type"] == "http.request" and not message.get("more_body", False)
             return message
 
         headers = Headers(scope=scope)

@@ -121,11 +121,11 @@ def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) ->
     if not force:
         raise ViewerError(f"{out}: expected a new place, found an existing one; see --force")
     wanted = "a folder" if folder else "a file"
-    found = "a folder" if out.is_dir() else "a file" if out.is_file() else "a device or pipe"
+    existing = "a folder" if out.is_dir() else "a file" if out.is_file() else "a device or pipe"
     if out.is_symlink():
-        found = "a link"
-    if found != wanted:
-        raise ViewerError(f"{out}: expected {wanted}, found {found}")
+        existing = "a link"
+    if existing != wanted:
+        raise ViewerError(f"{out}: expected {wanted}, found {existing}")
     if folder:
         check_replaceable(out)
     if folder and any(out.iterdir()) and not all((out / name).is_file() for name in OWN_FILES):
@@ -196,11 +196,11 @@ def _papers(folder: Path) -> list[ShareDocument]:
 
 def _downloads(sources: Sources) -> list[Download]:
     recipe = sources.results.provenance.pipeline.encode()
-    found = [Download("pipeline.toml", "text/plain", recipe)]
+    downloads = [Download("pipeline.toml", "text/plain", recipe)]
     if sources.annotations:
         marks = to_json(sources.key, sources.annotations)
-        found.append(Download(f"{sources.stem}.annotations.json", "application/json", marks))
-    return found
+        downloads.append(Download(f"{sources.stem}.annotations.json", "application/json", marks))
+    return downloads
 
 
 def _readme(sources: Sources) -> str:
@@ -324,8 +324,8 @@ def whole_page(
         Where the viewer is not installed.
     """
     folder = viewer_folder()
-    held = {name: assets[name] for name in ASSETS}
-    held["re_viewer_bg.wasm"] = (folder / "re_viewer_bg.wasm").read_bytes()
+    embedded = {name: assets[name] for name in ASSETS}
+    embedded["re_viewer_bg.wasm"] = (folder / "re_viewer_bg.wasm").read_bytes()
     style = folder_style().decode()
     viewer = _inside((folder / "re_viewer.js").read_text("utf-8"))
     script = _inside(joined_script())
@@ -336,7 +336,7 @@ def whole_page(
         style=style,
         viewer=viewer,
         script=script,
-        held={name: _packed(content) for name, content in held.items()},
+        embedded={name: _packed(content) for name, content in embedded.items()},
         papers=papers,
         downloads=downloads,
         opening=opening,

@@ -161,16 +161,16 @@ def _track_tiles(track: TrackScore, unit: str, *, free: bool) -> list[tuple[str,
 
 def _found_tiles(sources: Sources) -> list[tuple[str, str, str]]:
     """Return how much was found, whatever the truth."""
-    said = sources.said
-    walking = sorted(step.time_ns for step in said.steps)
+    events = sources.said
+    walking = sorted(step.time_ns for step in events.steps)
     items = [("Recorded", _duration(sources), _streams(sources))]
     if walking:
         apart = sorted(b - a for a, b in pairwise(walking))
-        usual = f"usually {apart[len(apart) // 2] / NS_PER_S:.2f} s apart" if apart else ""
-        items.append(("Steps found", str(len(walking)), usual))
-    elif said.picks:
-        channels = len({pick.channel for pick in said.picks})
-        items.append(("Arrivals found", str(len(said.picks)), f"on {channels} channels"))
+        interval_text = f"usually {apart[len(apart) // 2] / NS_PER_S:.2f} s apart" if apart else ""
+        items.append(("Steps found", str(len(walking)), interval_text))
+    elif events.picks:
+        channels = len({pick.channel for pick in events.picks})
+        items.append(("Arrivals found", str(len(events.picks)), f"on {channels} channels"))
     return items
 
 
@@ -199,18 +199,18 @@ def _below(sources: Sources) -> Iterator[SummaryFigure | None]:
 
 def _tables(sources: Sources) -> Iterator[SummaryTable]:
     """Yield what is wrong, what was found, and what people marked."""
-    said, start_ns = sources.said, sources.results.provenance.start_ns
+    events, start_ns = sources.said, sources.results.provenance.start_ns
     misses = sources.moments.misses
     if sources.moments.truth and misses:
         yield SummaryTable(f"Wrong decisions: {len(misses)}", *wrong_table(misses))
     elif sources.moments.truth:
         yield SummaryTable("Wrong decisions", (), [], "None within the tolerance.")
-    if said.steps:
-        header, rows = step_table(said, sources.matching, start_ns, _unit(sources))
+    if events.steps:
+        header, rows = step_table(events, sources.matching, start_ns, _unit(sources))
         note = TRUTH_COLUMN if "truth" in header else ""
         yield SummaryTable(f"Steps: {len(rows)}", header, rows, note)
-    elif said.picks:
-        header, rows = pick_table(said.picks, start_ns)
+    elif events.picks:
+        header, rows = pick_table(events.picks, start_ns)
         yield SummaryTable(f"Arrivals: {len(rows)}", header, rows)
     elif sources.moments.events:
         header, rows = event_table(sources.moments.events)
@@ -234,13 +234,13 @@ class SummaryTable(NamedTuple):
 
 
 def step_table(
-    said: ResultEvents, matching: StepMatch | None, start_ns: int, unit: str
+    events: ResultEvents, matching: StepMatch | None, start_ns: int, unit: str
 ) -> tuple[Row, list[Row]]:
     """Return header and rows of every step; columns that nothing fills are left out.
 
     Parameters
     ----------
-    said
+    events
         What a result says.
     matching
         Which steps answer which true ones; None without truth.
@@ -249,8 +249,8 @@ def step_table(
     unit
         Of lengths.
     """
-    steps = sorted(said.steps, key=lambda step: step.time_ns)
-    place, verdict = _places(said), _verdicts(matching)
+    steps = sorted(events.steps, key=lambda step: step.time_ns)
+    position_of, verdict = _places(events), _verdicts(matching)
     before = [None, *(step.time_ns for step in steps[:-1])]
     columns: dict[str, list[str]] = {
         "": [str(number) for number in range(1, len(steps) + 1)],
@@ -263,7 +263,7 @@ def step_table(
         "kind": [step.kind for step in steps],
         "foot": [step.foot for step in steps],
         "type": [step.type for step in steps],
-        f"place [{unit}]": [place(step) for step in steps],
+        f"place [{unit}]": [position_of(step) for step in steps],
         "decision peak": [_value(step.value) for step in steps],
         "channels": [str(s.channels) if s.channels > 1 else "" for s in steps],
     }
@@ -275,29 +275,29 @@ def _verdicts(matching: StepMatch | None) -> dict[int, str]:
     """Return by a step's time how far it is from the true one, or that there is none."""
     if matching is None:
         return {}
-    found = matching.found_ns.tolist()
-    said = {found[j]: "false" for j in matching.false.tolist()}
+    steps_ns = matching.found_ns.tolist()
+    texts = {steps_ns[j]: "false" for j in matching.false.tolist()}
     for pair in timing_pairs(matching):
-        if pair.found_ns in said:
-            said[pair.found_ns] = f"false: {answers_text(pair, matching.tolerance_s)}"
+        if pair.found_ns in texts:
+            texts[pair.found_ns] = f"false: {answers_text(pair, matching.tolerance_s)}"
     for i, j in matching.pairs.tolist():
-        said[found[j]] = f"{(found[j] - int(matching.truth_ns[i])) / 1e6:+.0f} ms"
-    return said
+        texts[steps_ns[j]] = f"{(steps_ns[j] - int(matching.truth_ns[i])) / 1e6:+.0f} ms"
+    return texts
 
 
 def _value(value: float) -> str:
     return readable(value, 3) if math.isfinite(value) else ""
 
 
-def _places(said: ResultEvents) -> Callable[[StepEvent], str]:
+def _places(events: ResultEvents) -> Callable[[StepEvent], str]:
     """Return what tells where a step was: the last stage's fix, else the track."""
-    fixes: Sequence[Fix | TrackPoint] = last_word(said.fixes)
-    found = sorted(fixes or said.points, key=lambda each: each.time_ns)
-    times = [each.time_ns for each in found]
+    fixes: Sequence[Fix | TrackPoint] = last_word(events.fixes)
+    positions = sorted(fixes or events.points, key=lambda each: each.time_ns)
+    times = [each.time_ns for each in positions]
 
     def place(step: StepEvent) -> str:
         at = bisect_left(times, step.time_ns)
-        near = found[max(at - 1, 0) : at + 1]
+        near = positions[max(at - 1, 0) : at + 1]
         if not near:
             return ""
         nearest = min(near, key=lambda each: abs(each.time_ns - step.time_ns))
@@ -416,20 +416,20 @@ class SummaryFigure:
 
 def place_map(sources: Sources) -> SummaryFigure | None:
     """Return truth, places and tracks on the plan, to scale; None where no place was found."""
-    said, geometry = sources.said, sources.results.geometry
+    events, geometry = sources.said, sources.results.geometry
     truth = true_places(sources.labels)
-    fixes = last_word(said.fixes)
-    if not (fixes or said.points):
+    fixes = last_word(events.fixes)
+    if not (fixes or events.points):
         return None
     caption = ""
     if sources.free:
-        truth = _turned(truth, said.points)
+        truth = _turned(truth, events.points)
         caption = "The track begins and heads anywhere: the truth is turned and shifted onto it."
     keys = {"hit": "truth"} if len(truth) else {}
     keys |= {"random": f"places of {fixes[0].stage}"} if fixes else {}
-    keys |= {"result": f"track of {said.points[0].stage}"} if said.points else {}
+    keys |= {"result": f"track of {events.points[0].stage}"} if events.points else {}
     keys |= {"soft": "sensors"} if geometry is not None and geometry.sensors else {}
-    drawn = map_figure(truth, fixes, said.points, geometry)
+    drawn = map_figure(truth, fixes, events.points, geometry)
     return SummaryFigure("Places", drawn, caption, keys)
 
 
@@ -465,8 +465,8 @@ def tolerance_plot(sources: Sources) -> SummaryFigure | None:
     keys = {"result": "this result", "chance": "blind metronome", "random": "random times"}
     start_ns = sources.results.provenance.start_ns
     drawn = tolerance_figure(score, matching, start_ns)
-    said = "What counts is the distance to chance."
-    return SummaryFigure("Steps and chance", drawn, said, keys)
+    caption = "What counts is the distance to chance."
+    return SummaryFigure("Steps and chance", drawn, caption, keys)
 
 
 def steps_plot(sources: Sources) -> SummaryFigure | None:
@@ -476,9 +476,9 @@ def steps_plot(sources: Sources) -> SummaryFigure | None:
         return None
     keys = {"hit": "matched", "missed": "missed", "false": "false"}
     drawn = timeline_figure(matching, origin.start_ns, origin.end_ns)
-    said = "Above each line the true steps, below it the detections. Shaded time is scored. "
-    said += "Rest the mouse on a stroke for its time."
-    return SummaryFigure("Every step", drawn, said, keys)
+    caption = "Above each line the true steps, below it the detections. Shaded time is scored. "
+    caption += "Rest the mouse on a stroke for its time."
+    return SummaryFigure("Every step", drawn, caption, keys)
 
 
 def interval_plot(sources: Sources) -> SummaryFigure | None:
@@ -487,18 +487,18 @@ def interval_plot(sources: Sources) -> SummaryFigure | None:
     since = np.array([step.time_ns - start_ns for step in sources.said.steps], np.int64)
     times = np.sort(since) / NS_PER_S
     apart = np.diff(times)
-    kept = (apart > 0) & (apart <= PAUSE_S)
-    if not kept.any():
+    valid = (apart > 0) & (apart <= PAUSE_S)
+    if not valid.any():
         return None
-    ends, lengths = times[1:][kept], apart[kept]
+    ends, lengths = times[1:][valid], apart[valid]
     middle = float(np.median(lengths))
     plot = Drawing("Time from step to step", TIME, "From step to step [s]")
     plot.mark(y=middle)
     tips = [f"{at:.2f} s: {apart:.3f} s later" for at, apart in zip(ends, lengths, strict=True)]
     plot.dots(ends, lengths, "result", tips)
     plot.axes.set_ylim(0, 1.15 * float(lengths.max()))
-    said = f"Broken line: median {middle:.2f} s. Pauses of more than {PAUSE_S:g} s are left out."
-    return SummaryFigure("Rhythm", plot.svg(), said)
+    caption = f"Broken line: median {middle:.2f} s. Pauses of more than {PAUSE_S:g} s are left out."
+    return SummaryFigure("Rhythm", plot.svg(), caption)
 
 
 @dataclass(frozen=True, slots=True)
@@ -568,10 +568,10 @@ class Sources:
     def free(self) -> bool:
         """Whether the track is a walker's that begins anywhere and heads anywhere."""
         quantities = {c.quantity for stream in self.streams for c in stream.channels}
-        known = not quantities or quantities & {"magnetic_field", "latitude"}
+        is_referenced = not quantities or quantities & {"magnetic_field", "latitude"}
         track = self.score.track
         closed = track is not None and track.closure is not None
-        return self.config.application == "walker" and closed and not known
+        return self.config.application == "walker" and closed and not is_referenced
 
     @property
     def scored(self) -> bool:
@@ -626,16 +626,16 @@ def _source_marks(
     """Return what people marked, and the sidecar; a sidecar of no use is said and left out."""
     origin = results.provenance
     key = RecordingKey(origin.recording, origin.sha256, origin.start_ns)
-    for place in (recording, beside):
-        if place is None or not annotated(place):
+    for path in (recording, beside):
+        if path is None or not annotated(path):
             continue
         try:
-            kept = kept_in(sidecar_path(place), key)
+            marks = kept_in(sidecar_path(path), key)
         except (AnnotationError, CodecError) as error:
             report(f"annotations are left out: {error}")
             continue
-        for remark in kept.remarks:
+        for remark in marks.remarks:
             report(remark)
-        sidecar = sidecar_path(place)
-        return kept.annotations, sidecar if sidecar.is_file() else None
+        sidecar = sidecar_path(path)
+        return marks.annotations, sidecar if sidecar.is_file() else None
     return results.annotations, None
