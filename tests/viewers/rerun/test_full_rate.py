@@ -83,7 +83,7 @@ def test_anything_else_is_refused_in_one_line(text: str) -> None:
 
 def test_what_fits_anyway_is_shown_whole() -> None:
     plan = planned(FullRate.parse("misses"), room_session())
-    assert plan.whole
+    assert plan.shows_all
     assert plan.words().endswith("MB, every sample")
     assert planned(FullRate.parse("events"), room_session()).close_ups
 

@@ -164,7 +164,7 @@ def test_the_dial_turns_while_headings_come(
 
 def test_fast_signals_are_shown_around_events_and_at_every_sample_only_where_asked() -> None:
     plan = planned(FullRate("misses"), live_session())
-    assert (plan.mode, plan.whole) == ("events", False)
+    assert (plan.mode, plan.shows_all) == ("events", False)
     assert "a minute, and of fast signals" in plan.words()
     assert plan.words().endswith("MB around each event")
     whole = planned(FullRate("all"), live_session())

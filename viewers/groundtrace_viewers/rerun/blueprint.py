@@ -215,7 +215,7 @@ def _shots(
     start_ns, end_ns = _shown_span(session)
     edge_ns = (end_ns - start_ns) // 100  # so that the first and last shot are clear of it
     span_ns = start_ns - edge_ns, end_ns + edge_ns
-    rest: list[Any] = [whole(e, span_ns) for e in _of(entities, "shots")]
+    rest: list[Any] = [full_span_view(e, span_ns) for e in _of(entities, "shots")]
     rest += [view for view, _ in _overview(session, entities)]
     rest += lanes_view(entities) if _of(entities, "lane") else []
     rest += [view for view, _ in _detail(session, entities)]
@@ -237,7 +237,7 @@ def _headings(session: ReplaySession, entities: Sequence[Entity]) -> rrb.Contain
     curves: list[Any] = [headings_view(_of(entities, "heading"))]
     right = _parts(curves, 2.6)
     plots = [*_of(entities, "heading-error"), *_of(entities, "heading-gates")]
-    right += [(whole(e, span_ns), 2.0) for e in plots]
+    right += [(full_span_view(e, span_ns), 2.0) for e in plots]
     rest: list[Any] = lanes_view(entities, span_ns) if _of(entities, "lane") else []
     rest += [view for view, _ in _worn(entities)]
     right += _parts(rest, 1.8)
@@ -348,9 +348,9 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     ]
     signals = [plot_view(e) for e in seismic]
     span_ns = _shown_span(session)
-    signals += [whole(_short(e), span_ns) for e in _of(entities, "whole")]
+    signals += [full_span_view(_short(e), span_ns) for e in _of(entities, "whole")]
     if session.application == "vehicle":
-        signals += [whole(e, span_ns) for e in _of(entities, "rows")]
+        signals += [full_span_view(e, span_ns) for e in _of(entities, "rows")]
     tonal = [fixed(e, e.path, linked()) for e in _of(entities, "spectrogram")]
     follow = around(AROUND_S, AROUND_S)
     tonal += [fixed(e, e.path, follow) for e in _of(entities, "tones")]
@@ -472,7 +472,7 @@ def _detail(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     if not fast:
         shown = [worn_samples(e, _companions(e, entities)) for e in slow[:1]]
     decisions = [decision(e, span) for e in _of(entities, "decision")]
-    shown += [whole(e, span_ns) for e in _of(entities, "rows")]
+    shown += [full_span_view(e, span_ns) for e in _of(entities, "rows")]
     waves = [waves_view(e) for e in _of(entities, "waves")]
     if application == "room":  # it has more plots than a small window has room for
         return _parts([*waves, *shown, *decisions], 4.5 if waves else 2.6)
@@ -534,7 +534,7 @@ def plot_view(entity: Entity) -> rrb.View:
     )
 
 
-def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
+def full_span_view(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
     """Return curves over a span from end to end, since the first sample [ns]."""
     import rerun.blueprint as rrb
 

@@ -110,7 +110,7 @@ class ViewContext:
         Where a viewer opens: the first event, in the end the first wrong step [ns]; None before.
     answers_ns
         Detected steps, or picks where no stage finds steps, that no close-up knows yet [ns].
-    drawn, told
+    drawn, drawn_lanes
         Stages and topics whose decision function, and whose lane, a view of their own draws.
     summed
         Kinds of event that a view tells in lines of its own, one for many.
@@ -141,7 +141,7 @@ class ViewContext:
         self.opens_ns: int | None = None
         self.answers_ns: list[int] = []
         self.drawn: set[tuple[str, str]] = set()
-        self.told: set[tuple[str, str]] = set()
+        self.drawn_lanes: set[tuple[str, str]] = set()
         self.summed: set[str] = set()
         self._places: list[str] = []
 

@@ -163,7 +163,7 @@ class DetectorViews(View):
         context, key = self._context, (spec.stage, spec.topic)
         if key not in self._detectors:
             drawn = replace(spec, trace=()) if key in context.drawn else spec
-            lanes = None if key in context.told else context.lanes
+            lanes = None if key in context.drawn_lanes else context.lanes
             self._detectors[key] = DetectorView(
                 context.timeline, drawn, context.colours, lanes, context.span_ns
             )
@@ -517,7 +517,7 @@ class RecomputedCurve:
         self.restart({})
 
     @property
-    def known(self) -> bool:
+    def has_curve(self) -> bool:
         """Whether there is a curve: the stage is known, and its detector tells one."""
         return self._stage is not None
 
@@ -603,7 +603,7 @@ class StepCurves(View):
         context, key = self._context, (spec.stage, spec.topic)
         if step_like(spec) and spec.trace and key not in self._curves:
             curve = StepCurve(context.timeline, context.session, spec, context.span_ns)
-            if curve.known:
+            if curve.has_curve:
                 self._curves[key] = curve
                 context.drawn.add(key)
                 if spec.topic in self._last:
@@ -667,13 +667,13 @@ class StepCurve:
         self._times = np.empty(0, np.int64)
         self._values = np.empty(0)
         self._waiting: list[CandidateBlock] = []
-        if self.known:
+        if self.has_curve:
             self._declare(span_ns)
 
     @property
-    def known(self) -> bool:
+    def has_curve(self) -> bool:
         """Whether the detector tells its curve."""
-        return self._retold.known
+        return self._retold.has_curve
 
     def feed(self, item: SignalBlock | Gap) -> None:
         """Take what the detector is given: a block, or a gap."""
@@ -688,7 +688,7 @@ class StepCurve:
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""
-        if self.known:
+        if self.has_curve:
             self._waiting.append(block)
 
     def flush(self, *, final: bool = False) -> None:
@@ -719,13 +719,13 @@ class StepCurve:
             peaks: Marks = ([], [])
             valleys: Marks = ([], [])
             for row in np.flatnonzero(rows):
-                self._place(block, int(row), peaks, valleys)
+                self._append_marks(block, int(row), peaks, valleys)
             for what, (times, values) in (("peak", peaks), ("valley", valleys)):
                 if times:
                     path = f"{self._root}/{verdict}/{what}"
                     self._timeline.scalars(path, times, np.array(values)[:, np.newaxis])
 
-    def _place(self, block: CandidateBlock, row: int, peaks: Marks, valleys: Marks) -> None:
+    def _append_marks(self, block: CandidateBlock, row: int, peaks: Marks, valleys: Marks) -> None:
         """Find a candidate's peak on the curve, and the valley before or after it."""
         measured = dict(
             zip((q.name for q in block.spec.columns), block.value[row].tolist(), strict=True)

@@ -107,7 +107,7 @@ class Truth:
 
     def __init__(self, times: Times, radians: Array) -> None:
         self.times = times
-        self._turned = np.degrees(np.unwrap(radians))
+        self._unwrapped_deg = np.degrees(np.unwrap(radians))
         period_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         self.hole_ns = HOLE * period_ns
 
@@ -117,7 +117,7 @@ class Truth:
     @property
     def degrees(self) -> Array:
         """The headings."""
-        return self._turned
+        return self._unwrapped_deg
 
     def at(self, times: Times) -> Array:
         """Return headings at times [degrees]; NaN in holes and outside."""
@@ -127,7 +127,7 @@ class Truth:
         after = np.minimum(after, len(self) - 1)
         hole = self.times[after] - self.times[np.maximum(after - 1, 0)] > self.hole_ns
         outside = (times < self.times[0]) | (times > self.times[-1])
-        heading_deg = np.interp(times, self.times, self._turned)
+        heading_deg = np.interp(times, self.times, self._unwrapped_deg)
         return np.where(hole | outside, np.nan, wrapped(heading_deg))
 
 
@@ -195,7 +195,7 @@ class HeadingView(View):
         self._blocks: list[CandidateBlock] = []
         self._stages: list[str] = []
         self._ended: dict[str, tuple[int, float]] = {}
-        self._found: dict[str, list[Heading]] = {}
+        self._headings: dict[str, list[Heading]] = {}
         self._frames: list[Frames] = []
         self._spec: StageSpec | None = None
         self._lane = Lane(self._timeline, DISTURBANCES, {"disturbed": DISTURBED})
@@ -224,7 +224,7 @@ class HeadingView(View):
             times = np.array([h.time_ns for h in headings], np.int64)
             sigma = np.degrees([h.sigma_rad for h in headings])
             self._log(stage, times, np.degrees([h.heading_rad for h in headings]), sigma)
-            self._found.setdefault(stage, []).extend(headings)
+            self._headings.setdefault(stage, []).extend(headings)
         self._pending = {}
         for block in self._blocks:
             names = [column.name for column in block.spec.columns]
@@ -260,8 +260,8 @@ class HeadingView(View):
         """Log what is pending, what is disturbed, errors, and the dial."""
         self.flush()
         self._lane.flush()
-        if self._found:
-            self._story(self._deciding(self._found), self._frames).log(self._spec)
+        if self._headings:
+            self._story(self._deciding(self._headings), self._frames).log(self._spec)
 
     def _begin(self, stage: str) -> None:
         if not self._stages and len(self._truth):

@@ -711,7 +711,7 @@ class _Board:
     def __init__(self, recording: rr.RecordingStream, origin: str, analysis: RoomAnalysis) -> None:
         import rerun as rr
 
-        self._recording, self._origin, self._found = recording, origin, analysis
+        self._recording, self._origin, self._analysis = recording, origin, analysis
         corners = np.vstack([analysis.layout.outline, analysis.layout.positions])
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)
         self._extent = float((self._high - self._low).max())
@@ -755,13 +755,13 @@ class _Board:
         """Draw walls and sensors."""
         import rerun as rr
 
-        corners = self._found.layout.outline
+        corners = self._analysis.layout.outline
         ring = np.vstack([corners, corners[:1]])
         self.log(
             "/outline", rr.LineStrips2D([ring], colors=np.array([OUTLINE], np.uint32), radii=-1.2)
         )
         if sensors:
-            self.points("/sensors", self._found.layout.positions, SENSOR, LEAST_RADIUS)
+            self.points("/sensors", self._analysis.layout.positions, SENSOR, LEAST_RADIUS)
 
     def points(
         self,

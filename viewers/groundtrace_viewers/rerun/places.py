@@ -684,7 +684,7 @@ class StepDetails(View):
         self._context = context
         self._window_s = LocalizerParameters().window_s
         self._picks: deque[Pick] = deque(maxlen=MOST_PICKS)
-        self._due: deque[PendingStep] = deque()
+        self._pending_steps: deque[PendingStep] = deque()
         self._lit_ns: int | None = None
         self._regions: RegionView | None = None
         site = context.session.geometry
@@ -718,8 +718,8 @@ class StepDetails(View):
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block."""
-        while self._due and self._due[0].time_ns + COMPLETE_NS <= block.last_ns:
-            self._show(self._due.popleft())
+        while self._pending_steps and self._pending_steps[0].time_ns + COMPLETE_NS <= block.last_ns:
+            self._show(self._pending_steps.popleft())
 
     def pick(self, pick: Pick) -> None:
         """Take an arrival, which may become a step."""
@@ -728,7 +728,7 @@ class StepDetails(View):
     def step(self, step: StepEvent) -> None:
         """Take a step of the stage that is reported."""
         if self._context.stages.decides("step", step):
-            self._due.append(PendingStep(step.time_ns, step.topic))
+            self._pending_steps.append(PendingStep(step.time_ns, step.topic))
 
     def bearing(self, bearing: Bearing) -> None:
         """Take a bearing; it comes with its step."""
@@ -737,8 +737,8 @@ class StepDetails(View):
 
     def close(self) -> None:
         """Show the last steps."""
-        while self._due:
-            self._show(self._due.popleft())
+        while self._pending_steps:
+            self._show(self._pending_steps.popleft())
         if self._lit_ns is not None:
             self._put_out(self._lit_ns + LIT_NS)
 

@@ -195,14 +195,14 @@ def viewer_folder() -> Path:
     files = _files()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return _kept(files, folder)
+        return _write_files(files, folder)
     except (
         OSError
     ):  # a home that cannot be written to: these files last as long as the system likes
-        return _kept(files, scratch_folder_until_exit())
+        return _write_files(files, scratch_folder_until_exit())
 
 
-def _kept(files: dict[str, bytes], folder: Path) -> Path:
+def _write_files(files: dict[str, bytes], folder: Path) -> Path:
     """Write files so that others who look see each of them whole or not at all."""
     for name, content in files.items():
         handle, fresh = tempfile.mkstemp(dir=folder)

@@ -189,7 +189,7 @@ class Plan:
         return self.shown_ns[1] - self.shown_ns[0]
 
     @property
-    def whole(self) -> bool:
+    def shows_all(self) -> bool:
         """Whether every sample is shown."""
         return self.mode == "all"
 
@@ -217,7 +217,7 @@ class Plan:
                 f"{_megabytes(sum(self.reach_ns) / NS_PER_S * self.second_bytes)} around each event"
             )
             fast = {"all": "every sample", "none": "no samples but envelopes"}.get(self.mode, each)
-            rest = self.rest_bytes + (60.0 * self.second_bytes if self.whole else 0.0)
+            rest = self.rest_bytes + (60.0 * self.second_bytes if self.shows_all else 0.0)
             rate_text = f"timeline: about {_megabytes(rest)} a minute"
             return f"{rate_text}, and of fast signals {fast}" if self.second_bytes else rate_text
         span_bytes = self.second_bytes * (self.span_ns[1] - self.span_ns[0]) / NS_PER_S
@@ -310,20 +310,20 @@ class RecentSamples:
         self._arrivals: deque[int] = deque()
         self._scales = stream.scales
         self._enough = round(keep_s * stream.rate_hz)
-        self._held = self._held_older = 0
+        self._sample_count = self._older_count = 0
 
     def push(self, block: SignalBlock) -> None:
         """Take a block."""
         self._blocks.append((block.start_ns, block.end_ns, block))
-        self._held += len(block)
-        while self._held - len(self._blocks[0][2]) >= self._enough:
+        self._sample_count += len(block)
+        while self._sample_count - len(self._blocks[0][2]) >= self._enough:
             oldest = self._blocks.popleft()
-            self._held -= len(oldest[2])
+            self._sample_count -= len(oldest[2])
             if self._has_arrival(*oldest[:2]):
                 self._older.append(oldest)
-                self._held_older += len(oldest[2])
-        while self._held_older > self._enough:
-            self._held_older -= len(self._older.popleft()[2])
+                self._older_count += len(oldest[2])
+        while self._older_count > self._enough:
+            self._older_count -= len(self._older.popleft()[2])
 
     def arrival(self, time_ns: int) -> None:
         """Take an arrival: steps may be told of long after it."""

@@ -81,7 +81,7 @@ class Shot:
     ----------
     time_ns
         When it was [ns]; where no label says, its first pick.
-    place
+    position
         Where it was [m]; None where unknown.
     picks
         By channel: the first one.
@@ -101,7 +101,7 @@ class Shot:
     """
 
     time_ns: int
-    place: tuple[float, float] | None = None
+    position: tuple[float, float] | None = None
     picks: dict[str, Pick] = field(default_factory=dict)
     truth: dict[str, int] = field(default_factory=dict)
     names: list[str] = field(default_factory=list)
@@ -166,7 +166,7 @@ class ShotViews(View):
         self._context = context
         self._shots: list[Shot] = []
         self._events: list[Event] = []
-        self._told: set[int] = set()
+        self._logged_ns: set[int] = set()
         self._page = _Drawing(context.timeline, _ORDER)
         self._streams = {s.topic: s.columns_of(SEISMIC_QUANTITIES) for s in context.session.streams}
         context.summed.add("pick")
@@ -273,8 +273,8 @@ class ShotViews(View):
         most = max(len(shot.names) for shot, _ in timed_shots)
         page.overview(shots, most, context.span_ns)
         for number, shot in zip(numbers, shots, strict=True):
-            if shot.time_ns not in self._told:
-                self._told.add(shot.time_ns)
+            if shot.time_ns not in self._logged_ns:
+                self._logged_ns.add(shot.time_ns)
                 text, level = line(shot, number + 1, context.timeline)
                 context.lines.add("shots", shot.time_ns, text, level)
 
@@ -342,9 +342,9 @@ def along(
     axis = axis * (1.0 if axis[np.abs(axis).argmax()] > 0 else -1.0)
     way = centred @ axis
     order: NDArray[np.intp] = np.argsort(way, kind="stable")
-    if shot.place is None:
+    if shot.position is None:
         return [names[i] for i in order], way[order] - way.min(), order
-    from_shot = at - np.array(shot.place)
+    from_shot = at - np.array(shot.position)
     side = np.where(from_shot @ axis < 0, -1.0, 1.0)
     return [names[i] for i in order], (side * np.hypot(*from_shot.T))[order], order
 
@@ -424,7 +424,7 @@ class _Drawing(Sketch):
         named = range(0, len(base), -(-len(base) // MOST_LABELS))
         heads = [((float(base[i]), -13.5), shot.names[i]) for i in named]
         self.words(f"{SECTION}/geophones", when, [heads], TRACE)
-        if shot.place is not None:
+        if shot.position is not None:
             far = [((float(base[i]), -6.5), f"{round(float(shot.along[i]), 1):+g}") for i in named]
             self.words(f"{SECTION}/offsets", when, [far], OUTLINE)
             at = float(np.interp(0.0, shot.along, base, left=0.0, right=WIDE))  # also beside it
@@ -478,7 +478,7 @@ class _Drawing(Sketch):
         """Log travel times over the distance from the shot: of all shots, and of the one now."""
         import rerun as rr
 
-        unit = "offset [m]" if any(s.place for s, _ in shots) else "channel"
+        unit = "offset [m]" if any(s.position for s, _ in shots) else "channel"
         title = f"Travel times [ms] over {unit}: this shot bold, the others grey"
         axes = _Axes.of([shot for shot, _ in shots])
         self.timeline.declare(Entity(TRAVEL, "travel", title))

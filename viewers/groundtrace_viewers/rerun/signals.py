@@ -123,7 +123,7 @@ class SignalView:
         self._patience_ns = stream.period_ns * (IRREGULAR_PERIODS if stream.irregular else 1.0)
         self._slow = not all(enveloped(stream, curves.quantity) for curves in self._curves)
         for curves in self._curves:
-            if plan.whole or not enveloped(stream, curves.quantity):
+            if plan.shows_all or not enveloped(stream, curves.quantity):
                 self._declare(curves)
 
     def _declare(self, curves: Curves) -> None:
@@ -555,13 +555,13 @@ class ChannelRows:
 
     def _halve(self) -> None:
         """Make one column of two."""
-        times, peaks = self._whole()
+        times, peaks = self._joined_pieces()
         even = len(times) // 2 * 2
         halved = np.fmax(peaks[0:even:2], peaks[1:even:2])
         self._pieces = [(times[0:even:2], halved), (times[even:], peaks[even:])]
         self._count = even // 2 + len(times) - even
 
-    def _whole(self) -> Piece:
+    def _joined_pieces(self) -> Piece:
         times = np.concatenate([piece[0] for piece in self._pieces])
         return times, np.concatenate([piece[1] for piece in self._pieces])
 
@@ -569,7 +569,7 @@ class ChannelRows:
         """Log the rows."""
         if not self._count:
             return
-        times, peaks = self._whole()
+        times, peaks = self._joined_pieces()
         if not np.isfinite(peaks).any():
             return
         channel_peaks = np.nanmax(peaks, axis=0)

@@ -181,7 +181,7 @@ class RerunSink:
         if self._recording is not None and self._session is not None and self._replay is not None:
             entities = self._replay.context.timeline.entities
             layout = blueprint(self._session, entities, self._replay.shown, follow=follow)
-            self._laid_out = self._known()
+            self._laid_out = self._layout_key()
             send_layout(self._recording, layout)
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -191,10 +191,10 @@ class RerunSink:
         self._replay.write(item)
         if self._web and not isinstance(item, SignalBlock):
             self._events.append(item)
-        if self._watched and self._laid_out != self._known():
+        if self._watched and self._laid_out != self._layout_key():
             self._send_layout(follow=True)
 
-    def _known(self) -> tuple[int, frozenset[str]]:
+    def _layout_key(self) -> tuple[int, frozenset[str]]:
         """Return what a layout depends on while data come: stages, and kinds of what is drawn."""
         if self._replay is None:
             return 0, frozenset()

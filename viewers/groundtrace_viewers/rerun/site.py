@@ -185,10 +185,10 @@ class SensorMap(View):
         self._timeline = timeline
         self._colours = context.colours
         sensors = session.geometry.sensors if session.geometry else ()
-        self._place = {s.channel: (s.x, s.y) for s in sensors}
+        self._positions = {s.channel: (s.x, s.y) for s in sensors}
         self._arrivals: list[tuple[int, str]] = []
         self._extent = float(np.ptp(places(session), axis=0).max())
-        self._radius = marker_radius(list(dict.fromkeys(self._place.values())), self._extent)
+        self._radius = marker_radius(list(dict.fromkeys(self._positions.values())), self._extent)
         upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
         timeline.declare(Entity(SITE, "map"), upwards)
         if session.geometry is not None:
@@ -263,7 +263,7 @@ class SensorMap(View):
 
     def pick(self, pick: Pick) -> None:
         """Take the arrival of a wave at a sensor, of the stage that is reported."""
-        if pick.channel in self._place and self._stages.decides("pick", pick):
+        if pick.channel in self._positions and self._stages.decides("pick", pick):
             self._arrivals.append((pick.time_ns, pick.channel))
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
@@ -275,7 +275,7 @@ class SensorMap(View):
         times = [t for t, _ in self._arrivals]
         names = [name for _, name in self._arrivals]
         columns = rr.Points2D.columns(
-            positions=np.array([self._place[n] for n in names], np.float32),
+            positions=np.array([self._positions[n] for n in names], np.float32),
             colors=np.array([self._colours.of(n) for n in names], np.uint32),
             radii=np.full(len(names), -LIT * self._radius),
         )

@@ -422,7 +422,7 @@ class FineSpectrograms(View):
 
     def __init__(self, context: ViewContext) -> None:
         self._context = context
-        self._known: set[str] = set()
+        self._topics: set[str] = set()
         self._parts: list[StreamSpectra] = []
         for stream in context.session.streams:
             self._begin(stream)
@@ -434,12 +434,12 @@ class FineSpectrograms(View):
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block: it may be of a stream that the session did not name."""
-        if block.topic not in self._known:
+        if block.topic not in self._topics:
             self._begin(block.stream)
 
     def _begin(self, stream: Stream) -> None:
         context = self._context
-        self._known.add(stream.topic)
+        self._topics.add(stream.topic)
         seismic = not stream.irregular and stream.columns_of(SEISMIC_QUANTITIES)
         if seismic and stream.rate_hz >= LEAST_RATE_HZ and (context.channels or not self._parts):
             self._parts.append(StreamSpectra(context, stream))

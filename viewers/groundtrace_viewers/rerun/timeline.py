@@ -471,11 +471,11 @@ class SensorColours:
         names = [s.channel for s in session.geometry.sensors] if session.geometry else []
         for stream in session.streams:
             names += [stream.channels[i].name for i in stream.columns_of(SEISMIC_QUANTITIES)]
-        self._place = {name: i for i, name in enumerate(dict.fromkeys(names))}
+        self._indices = {name: i for i, name in enumerate(dict.fromkeys(names))}
 
     def of(self, name: str) -> int:
         """Return the colour of the channel called ``name``."""
-        index = self._place.setdefault(name, len(self._place))
+        index = self._indices.setdefault(name, len(self._indices))
         return SENSOR_COLOURS[index % len(SENSOR_COLOURS)]
 
     def of_channel(self, channel: Channel) -> int:
@@ -493,7 +493,7 @@ class SensorColours:
             if self.of_channel(channel) == AXIS_COLOURS.get(channel.axis):
                 entries.append(f"{channel.axis} {AXIS_COLOUR_NAMES[channel.axis]}")
             else:
-                index = self._place[channel.name] % len(SENSOR_COLOURS)
+                index = self._indices[channel.name] % len(SENSOR_COLOURS)
                 entries.append(f"{channel.name} {SENSOR_COLOUR_NAMES[index]}")
         return ", ".join(entries)
 

@@ -252,7 +252,7 @@ class PassView(VehicleView):
         self._lines = context.lines
         self._shown = bounds(context.session)
         self._road = RoadPlot(context.timeline, context.session, context.colours)
-        self._found: list[Pass] = []
+        self._all_passes: list[Pass] = []
         self._passes: list[Pass] = []
         self._crossings: list[LineCrossing] = []
         self._lanes: dict[str, Lane] = {}
@@ -261,7 +261,7 @@ class PassView(VehicleView):
     def passed(self, one: Pass) -> None:
         """Take a pass; those of a vehicle come together."""
         self._context.opens(one.time_ns)
-        self._found.append(one)
+        self._all_passes.append(one)
         self._road.add(one)
         self._passes.append(one)
         level = "INFO" if one.vehicle else "WARN"
@@ -304,7 +304,7 @@ class PassView(VehicleView):
         """Log what became of every pass, where a stage finds passes."""
         last = self._context.stages.last("pass")
         if last is not None:
-            passes = [p for p in self._found if p.stage == last.stage]
+            passes = [p for p in self._all_passes if p.stage == last.stage]
             span_ns = self._context.span_ns
             verdicts = pass_verdicts(self._context.session.labels, passes, span_ns)
             log_pass_verdicts(self._timeline, self._lines, verdicts)
@@ -421,7 +421,7 @@ def pass_verdicts(
     true = [(x, "hit" if x in hit else "missed") for x in truth]
     return sorted(
         [
-            *(PassVerdict(x.time_ns, what, x.channel, _said(x)) for x, what in true),
+            *(PassVerdict(x.time_ns, what, x.channel, _true_pass_text(x)) for x, what in true),
             *(PassVerdict(p.time_ns, "false", p.station, pass_text(p)) for p in detected
               if p not in matched),
         ]
@@ -438,7 +438,7 @@ def wrong_passes(evidence: Evidence, events: Sequence[Event]) -> tuple[str, list
     return stages[-1], [one for one in verdicts if one.verdict != "hit"]
 
 
-def _said(label: Label) -> str:
+def _true_pass_text(label: Label) -> str:
     """Return what the truth says of a pass."""
     speed = f"{label.value:.1f} m/s" if label.value is not None else ""
     return " ".join(filter(None, (label.target, label.label, speed, "at", label.channel)))
@@ -474,7 +474,7 @@ class PresenceLanes(VehicleView):
         key = (spec.stage, spec.topic)
         if spec.emits == "presence" and spec.gates and key not in self._stages:
             self._stages[key] = PresenceLane(spec, self._context.lanes)
-            self._context.told.add(key)
+            self._context.drawn_lanes.add(key)
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""

@@ -88,7 +88,7 @@ class StepWaves(View):
         self._true = np.unique([x.time_ns for x in labels if x.kind in ("step", "impact")])
         self._next = 0
         self._waves: dict[int, list[Wave]] = {}
-        self._found: list[int] = []
+        self._steps_ns: list[int] = []
         self._candidates: list[CandidateBlock] = []
         self._streams: dict[str, list[int]] = {}
         self._drawn_ns: int | None = None
@@ -127,7 +127,7 @@ class StepWaves(View):
         """Take a step; of those that answer no true one the waves are kept as well."""
         if not self._context.stages.decides("step", step):
             return
-        self._found.append(step.time_ns)
+        self._steps_ns.append(step.time_ns)
         if not len(self._true) or np.abs(self._true - step.time_ns).min() > TOLERANCE_NS:
             self._unanswered.append(step.time_ns)
             self._keep_answers(self._ended_ns)
@@ -154,12 +154,12 @@ class StepWaves(View):
         context = self._context
         if before_ns is None or not context.watched or context.stages.last("step") is None:
             return
-        steps_ns = set(self._found)
+        steps_ns = set(self._steps_ns)
         self._draw_all([t for t in sorted(self._waves) if t in steps_ns or t < before_ns])
         # a replay that goes on for days keeps nothing that is drawn
         recent = [b for b in self._candidates if b.time_ns[-1] >= before_ns - LATE_NS]
         self._candidates = recent or self._candidates[-1:]
-        self._found = [t for t in self._found if t >= before_ns - LATE_NS]
+        self._steps_ns = [t for t in self._steps_ns if t >= before_ns - LATE_NS]
 
     def close(self) -> None:
         """Draw them, where a stage finds steps."""
@@ -185,11 +185,11 @@ class StepWaves(View):
 
     def _wrong(self, time_ns: int) -> bool:
         """Whether a true step was not found at its time, or a found one is none."""
-        steps_ns = np.array(self._found, np.int64)
+        steps_ns = np.array(self._steps_ns, np.int64)
         near = len(steps_ns) and np.abs(steps_ns - time_ns).min() <= TOLERANCE_NS
         return not near or time_ns not in self._true
 
-    def _heard(self, time_ns: int) -> dict[tuple[str, str], Heard]:
+    def _arrivals_at(self, time_ns: int) -> dict[tuple[str, str], Heard]:
         """Return what each topic and channel had at a step: its pick, else its best candidate."""
         arrivals: dict[tuple[str, str], Heard] = {}
         for block in self._candidates:
@@ -239,7 +239,7 @@ class StepWaves(View):
         height: Mapping[tuple[str, str], float],
     ) -> None:
         """Draw what each channel had, its name and value, and the true arrivals."""
-        arrivals = self._heard(time_ns)
+        arrivals = self._arrivals_at(time_ns)
         positions = {
             name: (float(_across(np.array((one.time_ns - time_ns) / 1e6))), height[name])
             for name, one in arrivals.items()

@@ -117,7 +117,7 @@ class WrongSteps(View):
         self._context = context
         self._events: list[Event] = []
         self._steps_ns: list[int] = []
-        self._felt: dict[str, tuple[float, float]] = {}
+        self._acceleration_ranges: dict[str, tuple[float, float]] = {}
 
     @staticmethod
     def fits(context: ViewContext) -> bool:
@@ -133,9 +133,12 @@ class WrongSteps(View):
         columns = block.stream.columns_of({"acceleration"})
         if columns and block.stream.rate_hz <= FULL_RATE_HZ:
             specific_force = block.values[:, columns]
-            low, high = self._felt.get(block.topic, (0.0, 0.0))
+            low, high = self._acceleration_ranges.get(block.topic, (0.0, 0.0))
             norm = float(np.linalg.norm(specific_force, axis=1).max())
-            self._felt[block.topic] = min(low, float(specific_force.min())), max(high, norm)
+            self._acceleration_ranges[block.topic] = (
+                min(low, float(specific_force.min())),
+                max(high, norm),
+            )
 
     def step(self, step: StepEvent) -> None:
         """Take a step."""
@@ -174,12 +177,12 @@ class WrongSteps(View):
     def _log_bands(self, evidence: Evidence, wrong: Sequence[Verdict]) -> None:
         """Log wrong steps as bands over what worn sensors felt, and over what was decided on."""
         timeline = self._context.timeline
-        for topic, (low, high) in self._felt.items():
+        for topic, (low, high) in self._acceleration_ranges.items():
             for verdict in _log_bands(timeline, ("", topic), wrong, (low, high)):
                 timeline.declare(Entity(f"/{verdict}{topic}", "mark"))
         for part in _deciding(evidence):
             heights = part.candidates.value[:, :1]
-            if part.spec.topic in self._felt and part.spec.trace and heights.size:
+            if part.spec.topic in self._acceleration_ranges and part.spec.trace and heights.size:
                 high = float(np.nanmax(np.abs(heights)))
                 root = f"/detector/{part.spec.stage}{part.spec.topic}"
                 _log_bands(timeline, (root, ""), wrong, (-high, high))
@@ -573,8 +576,8 @@ class SensorVerdicts:
     ) -> None:
         self._timeline = timeline
         self._true = true
-        self._place = {sensor.channel: (sensor.x, sensor.y) for sensor in geometry.sensors}
-        places = np.array(list(self._place.values()))
+        self._positions = {sensor.channel: (sensor.x, sensor.y) for sensor in geometry.sensors}
+        places = np.array(list(self._positions.values()))
         self._extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
 
     def log(self, decisions: Sequence[Decision]) -> None:
@@ -591,7 +594,7 @@ class SensorVerdicts:
         style = rr.LineStrips2D.from_fields(radii=-1.5, draw_order=5.0)
         self._timeline.static(f"{VERDICTS}/rings", style)
         colours = np.array([ring.colour for ring in shown], np.uint32)
-        strips = strips_of([circle + np.array(ring.place) for ring in shown])
+        strips = strips_of([circle + np.array(ring.position) for ring in shown])
         columns = rr.LineStrips2D.columns(strips=strips, colors=colours)
         self._timeline.send(f"{VERDICTS}/rings", times, columns.partition(counts))
         words = rr.Points2D.from_fields(show_labels=True, radii=0.0)
@@ -599,8 +602,8 @@ class SensorVerdicts:
         labelled = [[ring for ring in row if ring.text] for row in rings]
         red = [ring for row in labelled for ring in row]
         word_columns = rr.Points2D.columns(
-            positions=np.array([ring.place for ring in red], np.float32)
-            + np.array([self._beside(ring.place) for ring in red], np.float32),
+            positions=np.array([ring.position for ring in red], np.float32)
+            + np.array([self._beside(ring.position) for ring in red], np.float32),
             labels=[ring.text for ring in red],
             colors=np.array([ring.colour for ring in red], np.uint32),
         )
@@ -610,7 +613,7 @@ class SensorVerdicts:
 
     def _beside(self, position: tuple[float, float]) -> tuple[float, float]:
         """Return where a verdict stands from its sensor: clear of its name and of the map's key."""
-        highest = max(y for _, y in self._place.values())
+        highest = max(y for _, y in self._positions.values())
         near_key = position[1] > highest - ABOVE * self._extent
         return 0.0, (-BELOW if near_key else ABOVE) * self._extent
 
@@ -618,7 +621,7 @@ class SensorVerdicts:
         if not decision.silent:
             return []
         why = {}
-        for channel in self._place:
+        for channel in self._positions:
             texts = [text for text in decision.silent if text.startswith(f"{channel} ")]
             if texts:
                 why[channel] = _short(texts[0].removeprefix(f"{channel} "))
@@ -626,7 +629,7 @@ class SensorVerdicts:
         return [
             *(
                 Ring(position, MISSED if channel in why else ACCEPTED, why.get(channel, ""))
-                for channel, position in self._place.items()
+                for channel, position in self._positions.items()
             ),
             *([] if here is None else [Ring(here, MISSED, "")]),
         ]
@@ -641,7 +644,7 @@ def _short(text: str) -> str:
 class Ring(NamedTuple):
     """A ring: where [m], its colour, and what a sensor lacks; nothing where it lacks nothing."""
 
-    place: tuple[float, float]
+    position: tuple[float, float]
     colour: int
     text: str
 

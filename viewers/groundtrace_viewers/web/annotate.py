@@ -117,12 +117,12 @@ def serve(
                     lambda: _announce(address(port, token), open_browser, report),
                 )
         except KeyboardInterrupt:
-            report(f"stopped before the page was ready; {_kept(store, recording)}")
+            report(f"stopped before the page was ready; {_stored_text(store, recording)}")
             return
         finally:
             if running is not None:
                 running.stop()
-        report(f"stopped; {_kept(store, recording)}")
+        report(f"stopped; {_stored_text(store, recording)}")
 
 
 class Shown(Protocol):
@@ -187,7 +187,7 @@ class RunningReplay:
     ) -> None:
         self.application = ""
         self._rrd, self._report = folder / "replay.rrd", report
-        self._told: Callable[[], bytes] = bytes
+        self._moments_json: Callable[[], bytes] = bytes
         self._live: LiveMoments | None = None
         self._one_at_a_time = threading.Lock()
         self._failed: Exception | None = None
@@ -206,7 +206,7 @@ class RunningReplay:
 
     def moments(self) -> bytes:
         """Return those that there are by now as JSON."""
-        return self._told()
+        return self._moments_json()
 
     def stop(self) -> None:
         """End the replay, if it is not at its end."""
@@ -217,7 +217,7 @@ class RunningReplay:
         """Begin: the page can be served."""
         self.application, self._streams = session.application, session.streams
         self._live = LiveMoments(session)
-        self._told = self._so_far
+        self._moments_json = self._so_far
         self._begun.set()
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -243,7 +243,7 @@ class RunningReplay:
             _, replay_results = replayed(
                 recording, results, pipeline, folder, self._report, beside=[self]
             )
-            self._told = RenewedMoments(replay_results, self._streams).json
+            self._moments_json = RenewedMoments(replay_results, self._streams).json
         except _StoppedError:
             pass
         except Exception as error:  # told by who waits for the begin, else here
@@ -285,7 +285,7 @@ class RenewedMoments:
         self._json = moments_of_results(self._results, self._streams).json()
 
 
-def _kept(store: Annotations, recording: Path) -> str:
+def _stored_text(store: Annotations, recording: Path) -> str:
     """Return in words what is on the disk when the server ends."""
     count, sidecar = len(store.items), sidecar_path(recording).name
     if count == 0:
@@ -469,7 +469,7 @@ class AnnotationSession:
         """Keep a new mark."""
         label = label_of(_item(asked), self._store.key.start_ns)
         with self._one_at_a_time:
-            self._known(asked)
+            self._set_author(asked)
             added = self._store.add(replace(label, author=self._author))
             self._undo = True
             return self.listing(added.id)
@@ -478,7 +478,7 @@ class AnnotationSession:
         """Change a mark; what a page does not show of it stays."""
         requested = label_of(_item(asked), self._store.key.start_ns)
         with self._one_at_a_time:
-            self._known(asked)
+            self._set_author(asked)
             before = next((item.label for item in self._store.items if item.id == id_), requested)
             label = replace(
                 before,
@@ -496,7 +496,7 @@ class AnnotationSession:
     def delete(self, id_: str, asked: MarkRequest) -> Listing:
         """Take a mark away."""
         with self._one_at_a_time:
-            self._known(asked)
+            self._set_author(asked)
             self._store.delete(id_)
             self._undo = True
             return self.listing()
@@ -504,7 +504,7 @@ class AnnotationSession:
     def undo(self, asked: MarkRequest) -> Listing:
         """Take the author's last change back."""
         with self._one_at_a_time:
-            self._known(asked)
+            self._set_author(asked)
             self._undo = self._store.undo() is not None
             return self.listing()
 
@@ -527,7 +527,7 @@ class AnnotationSession:
             key.name, self._application, key.start_ns, current, earlier[-1], changed_ns
         )
 
-    def _known(self, asked: MarkRequest) -> None:
+    def _set_author(self, asked: MarkRequest) -> None:
         """Take over the name of whoever changes something."""
         if asked.author:
             self._author = self._store.author = named(asked.author)

@@ -108,9 +108,9 @@ class LivePage:
     def __init__(self, shown: RerunSink, report: Callable[[str], None]) -> None:
         self.server: subprocess.Popen[bytes] | None = None
         self._shown, self._report = shown, report
-        self._told = MomentsFile()
+        self._moments_file = MomentsFile()
         self._moments: LiveMoments | None = None
-        self._told_s = 0.0
+        self._updated_s = 0.0
 
     def open(self, session: ReplaySession) -> None:
         """Begin, and serve the page.
@@ -124,9 +124,9 @@ class LivePage:
         if self._shown.path is None:
             raise ViewerError("page: expected a replay with a file, found none")
         self._moments = LiveMoments(session)
-        self._told.tell(self._moments.so_far())
+        self._moments_file.tell(self._moments.so_far())
         port, token = free_port(), new_token()
-        self.server = _served(self._shown.path, port, token, b"", moments=self._told.path)
+        self.server = _served(self._shown.path, port, token, b"", moments=self._moments_file.path)
         self._report(f"serving {address(port, token)}")
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -136,9 +136,9 @@ class LivePage:
             return
         self._moments.add(item)
         now = time.monotonic()
-        if now - self._told_s >= TELL_S:
-            self._told_s = now
-            self._told.tell(self._moments.so_far())
+        if now - self._updated_s >= TELL_S:
+            self._updated_s = now
+            self._moments_file.tell(self._moments.so_far())
 
     def abandon(self) -> None:
         """End without a result, and serve no more."""
@@ -148,7 +148,7 @@ class LivePage:
     def close(self) -> None:
         """End the replay; the page stays."""
         self._shown.close()
-        self._told.ended(self._shown.moments_within(OPENING_S), self._shown)
+        self._moments_file.ended(self._shown.moments_within(OPENING_S), self._shown)
 
     def end(self) -> None:
         """Serve no more."""

@@ -114,7 +114,7 @@ def _figures_of_merit(sources: Sources) -> list[tuple[str, str, str]]:
         s = score.steps
         chance = f"by chance {s.chance_f1:.2f}, blind metronome {s.chance_f1_metronome:.2f}"
         wrong = f"{s.truth - s.matched} missed, {s.detected - s.matched} false"
-        outside = len(sources.said.steps) - s.detected
+        outside = len(sources.events.steps) - s.detected
         wrong += f"; {outside} found where nothing is scored" if outside else ""
         items.append(("F1 of steps", f"{s.f1:.3f}", chance))
         items.append(("Steps right", f"{s.matched} of {s.truth}", wrong))
@@ -161,7 +161,7 @@ def _track_tiles(track: TrackScore, unit: str, *, free: bool) -> list[tuple[str,
 
 def _found_tiles(sources: Sources) -> list[tuple[str, str, str]]:
     """Return how much was found, whatever the truth."""
-    events = sources.said
+    events = sources.events
     walking = sorted(step.time_ns for step in events.steps)
     items = [("Recorded", _duration(sources), _streams(sources))]
     if walking:
@@ -194,12 +194,12 @@ def _beside(sources: Sources) -> Iterator[SummaryFigure | None]:
 def _below(sources: Sources) -> Iterator[SummaryFigure | None]:
     """Yield the figures that are as wide as the page."""
     yield steps_plot(sources)
-    yield None if sources.said.steps else pick_plot(sources)
+    yield None if sources.events.steps else pick_plot(sources)
 
 
 def _tables(sources: Sources) -> Iterator[SummaryTable]:
     """Yield what is wrong, what was found, and what people marked."""
-    events, start_ns = sources.said, sources.results.provenance.start_ns
+    events, start_ns = sources.events, sources.results.provenance.start_ns
     misses = sources.moments.misses
     if sources.moments.truth and misses:
         yield SummaryTable(f"Wrong decisions: {len(misses)}", *wrong_table(misses))
@@ -295,7 +295,7 @@ def _places(events: ResultEvents) -> Callable[[StepEvent], str]:
     positions = sorted(fixes or events.points, key=lambda each: each.time_ns)
     times = [each.time_ns for each in positions]
 
-    def place(step: StepEvent) -> str:
+    def position_text(step: StepEvent) -> str:
         at = bisect_left(times, step.time_ns)
         near = positions[max(at - 1, 0) : at + 1]
         if not near:
@@ -305,7 +305,7 @@ def _places(events: ResultEvents) -> Callable[[StepEvent], str]:
             return ""
         return f"{nearest.x_m:.2f}, {nearest.y_m:.2f}{_sigma(nearest.covariance)}"
 
-    return place
+    return position_text
 
 
 def _sigma(covariance: tuple[float, float, float]) -> str:
@@ -416,14 +416,14 @@ class SummaryFigure:
 
 def place_map(sources: Sources) -> SummaryFigure | None:
     """Return truth, places and tracks on the plan, to scale; None where no place was found."""
-    events, geometry = sources.said, sources.results.geometry
+    events, geometry = sources.events, sources.results.geometry
     truth = true_places(sources.labels)
     fixes = last_word(events.fixes)
     if not (fixes or events.points):
         return None
     caption = ""
     if sources.free:
-        truth = _turned(truth, events.points)
+        truth = _aligned_truth(truth, events.points)
         caption = "The track begins and heads anywhere: the truth is turned and shifted onto it."
     keys = {"hit": "truth"} if len(truth) else {}
     keys |= {"random": f"places of {fixes[0].stage}"} if fixes else {}
@@ -433,7 +433,7 @@ def place_map(sources: Sources) -> SummaryFigure | None:
     return SummaryFigure("Places", drawn, caption, keys)
 
 
-def _turned(truth: Places, points: Sequence[TrackPoint]) -> Places:
+def _aligned_truth(truth: Places, points: Sequence[TrackPoint]) -> Places:
     """Return the truth turned and shifted onto the only track, where both are at its times."""
     ordered = sorted(points, key=lambda point: point.time_ns)
     since = np.array([point.time_ns - ordered[0].time_ns for point in ordered], np.float64)
@@ -452,7 +452,7 @@ def pick_plot(sources: Sources) -> SummaryFigure | None:
     if score is None or not score.all.truth:
         return None
     keys = {"result": "answered", "false": "more than 50 ms off", "missed": "no pick"}
-    drawn = pick_figure(pick_residuals(sources.labels, sources.said.picks))
+    drawn = pick_figure(pick_residuals(sources.labels, sources.events.picks))
     keys["ink"] = "median"
     return SummaryFigure("Errors of arrivals", drawn, "Channels side by side.", keys)
 
@@ -484,7 +484,7 @@ def steps_plot(sources: Sources) -> SummaryFigure | None:
 def interval_plot(sources: Sources) -> SummaryFigure | None:
     """Return the time from step to step, in which missed and doubled steps stand out."""
     start_ns = sources.results.provenance.start_ns
-    since = np.array([step.time_ns - start_ns for step in sources.said.steps], np.int64)
+    since = np.array([step.time_ns - start_ns for step in sources.events.steps], np.int64)
     times = np.sort(since) / NS_PER_S
     apart = np.diff(times)
     valid = (apart > 0) & (apart <= PAUSE_S)
@@ -513,7 +513,7 @@ class Sources:
         What it holds, and its pipeline.
     labels, score
         The truth, and how well the results answer it.
-    said
+    events
         The results' events, sorted by the truth they answer.
     moments
         What a page jumps to.
@@ -532,7 +532,7 @@ class Sources:
     config: PipelineConfig
     labels: tuple[Label, ...]
     score: Score
-    said: ResultEvents
+    events: ResultEvents
     moments: PageMoments
     recording: Path | None
     streams: tuple[Stream, ...]
@@ -561,7 +561,7 @@ class Sources:
         if self.score.steps is None or not self.score.steps.truth:
             return None
         origin = self.results.provenance
-        found_ns = np.array([step.time_ns for step in self.said.steps], np.int64)
+        found_ns = np.array([step.time_ns for step in self.events.steps], np.int64)
         return match_steps(self.labels, found_ns, origin.start_ns, origin.end_ns, TOLERANCE_S)
 
     @property
