@@ -8,11 +8,15 @@ first decision in the next, in a replay of the bundled room. **A decision become
 the matching of steps to the first remedy that ``why`` finds in the bundled walk. **An event reaches
 Rerun**: from a fix that is
 given to the viewer to its rows on the timeline. Only what is ours counts.
+
+Each is held against what CONTRIBUTING.md tells of it: the files that are told and entered, those told
+that lie before the trace begins or after it ends, and those entered besides.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import threading
@@ -146,6 +150,32 @@ def _replay_to_file() -> None:
         replay_to_files(room, "room-footsteps", out, rrd, to_s=3)
 
 
+def told(journey: str, entered: set[str]) -> set[str]:
+    """Return the files that CONTRIBUTING.md names in the paragraph that tells a journey.
+
+    Parameters
+    ----------
+    journey
+        What the paragraph begins with.
+    entered
+        The files that the trace went through: of several that end alike, these are meant.
+    """
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    paragraph = text.partition(f"**{journey[0].upper()}{journey[1:]}")[2].partition("\n\n")[0]
+    ours = [
+        str(path.relative_to(ROOT))
+        for package in ("codecs", "replay", "viewers")
+        for path in (ROOT / package).rglob("*.py")
+    ]
+    files = set()
+    for name in re.findall(r"([\w/]+\.py)`", paragraph):
+        fitting = {file for file in ours if file.endswith(f"/{name}")}
+        if not fitting:
+            raise RuntimeError(f"CONTRIBUTING.md: {journey}: expected a file of ours, found {name}")
+        files |= fitting & entered or fitting
+    return files
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -154,11 +184,15 @@ def main() -> None:
     timing.on_one_core()
     for words, journey in (
         ("a block becomes a candidate", block_to_candidate),
-        ("a decision becomes a remedy", decision_to_remedy),
+        ("a decision becomes a reason and a remedy", decision_to_remedy),
         ("an event reaches Rerun", event_to_timeline),
     ):
         entered = journey()
-        print(f"{words}: {len({f.file for f in entered})} files, {len(entered)} functions")
+        files = {function.file for function in entered}
+        named = told(words, files)
+        print(f"{words}: {len(files)} files, {len(entered)} functions")
+        outside = f", and {len(named - files)} before or after" if named - files else ""
+        print(f"   {len(named & files)} files told{outside}; {len(files - named)} entered besides")
         if options.list:
             for function in entered:
                 print(f"   {function.file}  {function.name}")
