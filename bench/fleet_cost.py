@@ -68,7 +68,7 @@ def measured(folder: Path, kind: str, pipeline: str, seconds: float) -> list[flo
     done = evaluate(task)
     taken = time.process_time() - began
     began = time.process_time()
-    evaluate(replace(task, known=frozenset({identity_of(task).key})))
+    evaluate(replace(task, done_keys=frozenset({identity_of(task).key})))
     known = time.process_time() - began
     results, rrd = folder / "r.mcap", folder / "r.rrd"
     command("replay", path, "--pipeline", pipeline, "--out", results, "--rrd", rrd, "--force")

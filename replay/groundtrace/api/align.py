@@ -150,9 +150,9 @@ def align(
     if not judged:
         return None
     most = max(judged, key=lambda j: j.shift.matched)
-    found = sorted((j.with_alone(most.lacking) for j in judged), key=lambda s: -s.score)
-    best = found[0]
-    apart = [s for s in found[1:] if abs(s.ahead_s - best.ahead_s) > _APART_S]
+    shifts = sorted((j.with_alone(most.missing) for j in judged), key=lambda s: -s.score)
+    best = shifts[0]
+    apart = [s for s in shifts[1:] if abs(s.ahead_s - best.ahead_s) > _APART_S]
     rivals = [s for s in apart if not best.beats(s)]
     ahead_ns = other.start_ns - reference.start_ns + round(best.ahead_s * NS_PER_S)
     clock = DeviceClock(ahead_ns, best.drift_ppm, other.start_ns)
@@ -264,8 +264,8 @@ def _nearest(sorted_: Array, values: Array) -> NDArray[np.intp]:
     right = np.minimum(right, len(sorted_) - 1)
     left = np.maximum(right - 1, 0)
     nearer = np.abs(values - sorted_[left]) <= np.abs(sorted_[right] - values)
-    found: NDArray[np.intp] = np.where(nearer, left, right)
-    return found
+    index: NDArray[np.intp] = np.where(nearer, left, right)
+    return index
 
 
 #: Clocks differ by no more than this [1e-6]. Chosen by judgement: crystals are sold with up to 100
@@ -302,9 +302,9 @@ def coinciding(a: Array, b: Array) -> list[tuple[float, float]]:
     if DRIFT_MAX_PPM * 1e-6 * shared_s > _SMEAR_S:
         count = int(np.ceil(DRIFT_MAX_PPM * 1e-6 * shared_s / _SMEAR_S))
         drifts = np.linspace(-DRIFT_MAX_PPM, DRIFT_MAX_PPM, 2 * count + 1).tolist()
-    found = sorted((p for drift in drifts for p in _peaks(a, b, drift * 1e-6)), reverse=True)
+    peaks = sorted((p for drift in drifts for p in _peaks(a, b, drift * 1e-6)), reverse=True)
     chosen: list[tuple[float, float]] = []
-    for _, lag, gained in found:
+    for _, lag, gained in peaks:
         if len(chosen) < _CANDIDATES and all(abs(lag - other) > _ONE_S for other, _ in chosen):
             chosen.append((lag, gained * 1e6))
     return chosen
@@ -392,17 +392,17 @@ class ShiftEvaluation(NamedTuple):
     counts: tuple[int, int]
 
     @property
-    def lacking(self) -> tuple[float, float]:
+    def missing(self) -> tuple[float, float]:
         """How likely it is that a moment of each recording lacks a partner."""
         low, high = _MISSED
         a, b = (min(max(1 - self.shift.matched / max(n, 1), low), high) for n in self.counts)
         return a, b
 
-    def with_alone(self, lacking: tuple[float, float]) -> ClockShift:
+    def with_alone(self, missing: tuple[float, float]) -> ClockShift:
         """Return the shift with how likely its moments without partner are."""
         alone = sum(
             float(np.maximum(runs * np.log(each), _UNHEARD).sum())
-            for runs, each in zip(self.runs, lacking, strict=True)
+            for runs, each in zip(self.runs, missing, strict=True)
         )
         return self.shift._replace(alone=alone)
 
@@ -443,10 +443,10 @@ def steps_by_replay(
     config, _, _ = with_placements(load_pipeline(pipeline), recording)
     kinds = {s.use: stage_named(s.use) for s in config.stage}
     finding = tuple(s for s in config.stage if detects(kinds[s.use]) or associates(kinds[s.use]))
-    kept = EventList()
+    event_list = EventList()
     chain = build_pipeline(replace(config, stage=finding), labels=recording.labels)
-    replay(Source(recording), chain, [kept], progress=progress)
-    return AlignmentEvents(_steps(kept.events), recording.start_ns, recording.end_ns)
+    replay(Source(recording), chain, [event_list], progress=progress)
+    return AlignmentEvents(_steps(event_list.events), recording.start_ns, recording.end_ns)
 
 
 def steps_of_results(path: Path, recording: Recording) -> AlignmentEvents:
@@ -463,16 +463,16 @@ def steps_of_labels(labels: Sequence[Label], recording: Recording) -> AlignmentE
 def results_beside(path: Path) -> Path | None:
     """Return the results of the whole of a recording that lie beside it or here, if any do."""
     name = f"{path.stem}.results.mcap"
-    for found in dict.fromkeys((path.with_name(name), Path(name))):
-        if not found.is_file():
+    for candidate in dict.fromkeys((path.with_name(name), Path(name))):
+        if not candidate.is_file():
             continue
-        with Recording.open(found) as opened:
+        with Recording.open(candidate) as opened:
             if RUN not in opened.metadata:
                 continue
-        origin = read_results(found).provenance
-        whole = (origin.from_ns, origin.to_ns) == (None, None)
-        if whole and origin.sha256 == file_sha256(path):
-            return found
+        origin = read_results(candidate).provenance
+        is_full = (origin.from_ns, origin.to_ns) == (None, None)
+        if is_full and origin.sha256 == file_sha256(path):
+            return candidate
     return None
 
 
@@ -495,12 +495,12 @@ def impacts(recording: Recording) -> AlignmentEvents:
 
 def _steps(events: Iterable[Event]) -> NDArray[np.int64]:
     """Return the steps of the stage that found most, by time; without any its impacts."""
-    found: dict[tuple[bool, str, str], set[int]] = defaultdict(set)
+    steps_by_stage: dict[tuple[bool, str, str], set[int]] = defaultdict(set)
     for event in events:
         if isinstance(event, StepEvent):
-            found[event.kind == "step", event.stage, event.topic].add(event.time_ns)
-    best = max(found, key=lambda key: (key[0], len(found[key])), default=None)
-    return np.array(sorted(found[best]) if best is not None else [], np.int64)
+            steps_by_stage[event.kind == "step", event.stage, event.topic].add(event.time_ns)
+    best = max(steps_by_stage, key=lambda key: (key[0], len(steps_by_stage[key])), default=None)
+    return np.array(sorted(steps_by_stage[best]) if best is not None else [], np.int64)
 
 
 def _strength(recording: Recording) -> tuple[Array, int, float]:

@@ -96,10 +96,10 @@ def misses_of(evidence: Evidence) -> tuple[Miss, ...]:
     reasons = StepReasons(evidence, STEP_TOLERANCE_S)
     matching = reasons.matching
     times = matching.truth_ns[matching.missed].tolist()
-    found = [(reasons.at(time_ns), time_ns) for time_ns in times]
+    misses = [(reasons.at(time_ns), time_ns) for time_ns in times]
     return tuple(
         Miss(int(index) + 1, (time_ns - evidence.start_ns) / NS_PER_S, why.cause, why.text)
-        for index, (why, time_ns) in zip(matching.missed, found, strict=True)
+        for index, (why, time_ns) in zip(matching.missed, misses, strict=True)
     )
 
 
@@ -269,8 +269,8 @@ class Explanation:
             )
         chain: tuple[Chain, ...] = getattr(self.details, "chain", ())
         recording = recording_at(self.recording, self.sha256, self.places)
-        said = "\n".join(filter(None, (self.text, self._mended())))
-        texts = (f"{self.recording}: {self.heading}", said)
+        reason = "\n".join(filter(None, (self.text, self._mended())))
+        texts = (f"{self.recording}: {self.heading}", reason)
         around = AROUND_S if around_s is None else around_s
         return plot_moment(recording, self.time_s, chain, texts, self.steps, around)
 
@@ -285,8 +285,8 @@ class Explanation:
         if self.answer.time_ns is None:
             return f"Explanation({self.recording}, {self._summary()})"
         what = f"step {self.step} at" if self.step is not None else "at"
-        said = f"{self.cause}: {self.text}" if self.cause else self._summary()
-        return f"Explanation({self.recording}, {what} {self.time_s:.3f} s: {said})"
+        description = f"{self.cause}: {self.text}" if self.cause else self._summary()
+        return f"Explanation({self.recording}, {what} {self.time_s:.3f} s: {description})"
 
     def _summary(self) -> str:
         if isinstance(self.details, StepExplanation):
@@ -356,9 +356,9 @@ class Comparison:
         return plain_document(self.details)
 
     def __repr__(self) -> str:
-        said = ", ".join(f"{n} {verdict}" for verdict, n in self.verdicts.items())
+        verdicts = ", ".join(f"{n} {verdict}" for verdict, n in self.verdicts.items())
         p = "" if self.p_value is None else f", p = {self.p_value:.2g}"
-        return f"Comparison({self.details.recording}, {said or 'no decisions'}{p})"
+        return f"Comparison({self.details.recording}, {verdicts or 'no decisions'}{p})"
 
     def _repr_html_(self) -> str:
         table = self.differing

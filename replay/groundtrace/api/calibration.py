@@ -90,13 +90,13 @@ def attenuation_of(
                 f"{path.name}: expected steps or impacts of known place (its truth, or --truth "
                 f"FILE), found none"
             )
-        found = fit_attenuation(*amplitudes(opened, site, impacts))
-    if found is None:
+        attenuation = fit_attenuation(*amplitudes(opened, site, impacts))
+    if attenuation is None:
         raise RecordingError(
             f"{path.name}: expected two sensors or more above the noise at several distances, "
             f"found {len(impacts)} impacts that tell too little"
         )
-    return len(impacts), found
+    return len(impacts), attenuation
 
 
 def lengths_of(
@@ -135,9 +135,9 @@ def lengths_of(
             f"{subject.pipeline.name})"
         )
     given = [s.parameters["height_m"] for s in subject.pipeline.stage if "height_m" in s.parameters]
-    known = ReckoningParameters()
-    known = replace(known, height_m=float(given[-1])) if given else known
-    return subject.name, calibrate_lengths(steps, distance_m, known)
+    parameters = ReckoningParameters()
+    parameters = replace(parameters, height_m=float(given[-1])) if given else parameters
+    return subject.name, calibrate_lengths(steps, distance_m, parameters)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ class CalibratedRecording:
     """A calibration: of which recording or results, and the geometry that is then right."""
 
     name: str
-    found: Calibration
+    calibration: Calibration
     geometry: Geometry
 
 
@@ -195,10 +195,10 @@ def calibration_of(
     presumed = _exponent(subject.pipeline) if exponent is None else exponent
     choices = Choices(ignore_places, offsets, presumed)
     if subject.again:
-        found, site = calibrate_replaying(subject.replayed, site, subject.labels, choices)
+        calibration, site = calibrate_replaying(subject.replayed, site, subject.labels, choices)
     else:
-        found = calibrate_once(subject.replayed(site), site, subject.labels, choices)
-    return CalibratedRecording(subject.name, found, calibrated_geometry(site, found))
+        calibration = calibrate_once(subject.replayed(site), site, subject.labels, choices)
+    return CalibratedRecording(subject.name, calibration, calibrated_geometry(site, calibration))
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +248,7 @@ def _replayer(
     from ..pipeline.source import Source
 
     def replayed(geometry: Geometry) -> Sequence[Event]:
-        kept = EventList()
+        event_list = EventList()
         with Recording.open(path) as opened:
             chain = build_pipeline(config, geometry)
             first = opened.start_ns
@@ -256,9 +256,9 @@ def _replayer(
                 replay(
                     Source(opened),
                     chain,
-                    [kept],
+                    [event_list],
                     progress=lambda time_ns: show((time_ns - first) / NS_PER_S),
                 )
-        return kept.events
+        return event_list.events
 
     return replayed

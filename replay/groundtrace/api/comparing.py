@@ -249,9 +249,9 @@ class SweepPlan:
         """
         counted = count(self.subjects, self.settings, self.tolerance_s, jobs, done)
         ranking = rank(counted, top, jobs)
-        told = [f"{s.evidence.name}: {w.line}" for s in self.subjects for w in s.evidence.warnings]
-        told += [self.refused] if self.refused else []
-        return counted, replace(ranking, notes=(*ranking.notes, *told))
+        notes = [f"{s.evidence.name}: {w.line}" for s in self.subjects for w in s.evidence.warnings]
+        notes += [self.refused] if self.refused else []
+        return counted, replace(ranking, notes=(*ranking.notes, *notes))
 
 
 def config_of(inputs: Sequence[Path], pipeline: str | None) -> PipelineConfig:
@@ -350,19 +350,19 @@ def _measured(
         report(f"measuring {len(paths)} recordings ({total_s:.0f} s)")
     with progress(total_s, "measuring") as show:
         count = iter(range(1, len(paths) + 1))
-        found = in_processes(
+        measured = in_processes(
             partial(measure_evidence, config=config),
             list(paths),
             jobs,
             lambda: show(next(count) * total_s / len(paths)),
         )
     subjects = {}
-    for path, evidence in zip(paths, found, strict=True):
+    for path, evidence in zip(paths, measured, strict=True):
         specs = [stage.spec for stage in evidence.stages]
-        own = own_truth(labels[path], specs, placements[path])
-        for remark in own.remarks:
+        scored_truth = own_truth(labels[path], specs, placements[path])
+        for remark in scored_truth.remarks:
             report(f"truth: {remark}")
-        subjects[path] = Subject(replace(evidence, labels=own.labels), (path,))
+        subjects[path] = Subject(replace(evidence, labels=scored_truth.labels), (path,))
     return subjects
 
 

@@ -164,15 +164,15 @@ def _examined(file: McapFile, path: Path, progress: Progress) -> Health:
 
 
 def _attachments(file: McapFile) -> list[AttachmentState]:
-    found = []
+    attachments = []
     for ref in file.attachments:
         fault = None
         try:
             file.attachment(ref)
         except CodecError as error:
             fault = str(error)
-        found.append(AttachmentState(ref.name, ref.size, fault))
-    return found
+        attachments.append(AttachmentState(ref.name, ref.size, fault))
+    return attachments
 
 
 def _signals(path: Path, progress: Progress) -> tuple[list[Damage], str | None]:
@@ -274,12 +274,12 @@ def _requirements() -> tuple[list[PackageState], list[ExtraState]]:
         if named is None:
             continue
         name = named.group()
-        found = _version(name)
+        installed = _version(name)
         if extra is None:
-            needed.append(PackageState(name, found))
+            needed.append(PackageState(name, installed))
             continue
-        command = f"pip install 'groundtrace[{extra.group(1)}]'" if found is None else None
-        extras.append(ExtraState(extra.group(1), name, found, command))
+        command = f"pip install 'groundtrace[{extra.group(1)}]'" if installed is None else None
+        extras.append(ExtraState(extra.group(1), name, installed, command))
     return needed, extras
 
 
@@ -303,10 +303,10 @@ def _viewer() -> ViewerState:
         )
     except (Error, OSError, subprocess.SubprocessError) as error:
         return ViewerState(None, str(error))
-    said = " ".join(ran.stdout.split()[:2])
-    if ran.returncode or not said:
+    version_text = " ".join(ran.stdout.split()[:2])
+    if ran.returncode or not version_text:
         return ViewerState(None, f"viewer: expected its version, found exit code {ran.returncode}")
-    return ViewerState(said, None)
+    return ViewerState(version_text, None)
 
 
 def _broken_plugins() -> list[str]:

@@ -94,10 +94,10 @@ def export_file(
     GroundtraceError
         Where the format takes none of it, or the target cannot be written.
     """
-    known, troubles = exporters()
+    available, troubles = exporters()
     for trouble in troubles:
         report(f"warning: {trouble}")
-    exporter = exporter_of(known, out, format_name)
+    exporter = exporter_of(available, out, format_name)
     folder = is_folder(exporter, out)
     source = named_recording(source)
     _check_target(out, [source, *([recording] if recording else [])], folder=folder, force=force)
@@ -194,12 +194,12 @@ def _of_stages(material: Material, stages: Sequence[str]) -> Material:
     if not stages:
         return material
     named = [(stage_of(event), event) for event in material.events]
-    known = dict.fromkeys(name for name, _ in named if name)
+    stage_names = dict.fromkeys(name for name, _ in named if name)
     for stage in stages:
-        if stage not in known:
-            found = ", ".join(known) or "none"
+        if stage not in stage_names:
+            available = ", ".join(stage_names) or "none"
             raise RecordingError(
-                f"{material.name}: --stage: expected one of {found}, found {stage!r}"
+                f"{material.name}: --stage: expected one of {available}, found {stage!r}"
             )
     return replace(material, events=tuple(e for name, e in named if name in stages))
 
@@ -241,10 +241,10 @@ def _span(recording: Recording, from_s: float, to_s: float | None) -> tuple[int,
     """Return the half-open span that is asked for [ns]."""
     duration_s = (recording.end_ns - recording.start_ns) / NS_PER_S
     if from_s > duration_s or (to_s is not None and to_s <= from_s):
-        found = f"{from_s:g} s to " + ("the end" if to_s is None else f"{to_s:g} s")
+        given = f"{from_s:g} s to " + ("the end" if to_s is None else f"{to_s:g} s")
         raise UsageError(
             f"{recording.name}: --from, --to: expected a span of 0 to {duration_s:.3f} s, "
-            f"found {found}"
+            f"found {given}"
         )
     start_ns = recording.start_ns + round(from_s * NS_PER_S)
     stop_ns = recording.end_ns + 1 if to_s is None else recording.start_ns + round(to_s * NS_PER_S)

@@ -107,8 +107,8 @@ def _refuse_foreign(path: Path) -> None:
         command += " --map MAP.toml"
     if name == "csv":
         command += f" (groundtrace import {path} --guess writes a map to start from)"
-    found = MAPPED.get(name, f"a file of format {name}")
-    raise RecordingError(f"{path}: expected a recording, found {found}; import it: {command}")
+    kind = MAPPED.get(name, f"a file of format {name}")
+    raise RecordingError(f"{path}: expected a recording, found {kind}; import it: {command}")
 
 
 class Origin(Protocol):
@@ -169,8 +169,8 @@ def writable(
         ``sources``.
     """
     if path.exists() and not path.is_file():  # a new file would take the place of a device
-        found = "a folder" if path.is_dir() else "a device or pipe"
-        raise RecordingError(f"{path}: expected a file to write, found {found}")
+        kind = "a folder" if path.is_dir() else "a device or pipe"
+        raise RecordingError(f"{path}: expected a file to write, found {kind}")
     if path.resolve() in (source.resolve() for source in sources):
         raise RecordingError(f"{path}: expected a new file, found the one that is read")
     if path.exists() and not (force or (of is not None and derived_from(path, of()))):
@@ -188,12 +188,12 @@ def check_replaceable(folder: Path) -> None:
     """
     here = Path.cwd()
     if folder.resolve() in (here, *here.parents):
-        found = "the one that the command runs in"
+        reason = "the one that the command runs in"
     elif os.path.ismount(folder):
-        found = "one where a file system is mounted"
+        reason = "one where a file system is mounted"
     else:
         return
-    raise RecordingError(f"{folder}: expected a folder that can be replaced, found {found}")
+    raise RecordingError(f"{folder}: expected a folder that can be replaced, found {reason}")
 
 
 def in_folder(path: Path) -> Path:
@@ -281,10 +281,10 @@ def recording_of(results: Path, given: Path | None = None, report: Report = unhe
     name = PureWindowsPath(result.provenance.recording).name
     places = (results.parent / name, Path(name), _bundled(name) or _catalogued(name))
     there = list(dict.fromkeys(p for p in places if p is not None and p.is_file()))
-    found = next((p for p in there if _same(p, result.provenance)), None)
-    if there and found is None:
+    recording = next((p for p in there if _same(p, result.provenance)), None)
+    if there and recording is None:
         report(f"{there[0]}: not the recording that {results.name} is of: its bytes are others")
-    return found
+    return recording
 
 
 def _same(recording: Path, origin: Provenance) -> bool:
@@ -305,8 +305,8 @@ def _catalogued(name: str) -> Path | None:
     """Return where a recording of the catalogue is once it was fetched, by its file name."""
     from groundtrace_recordings.catalogue import catalogue
 
-    known = catalogue().get(name.removesuffix(".mcap"))
-    return known.path if known else None
+    entry = catalogue().get(name.removesuffix(".mcap"))
+    return entry.path if entry else None
 
 
 def _bundled(name: str) -> Path | None:

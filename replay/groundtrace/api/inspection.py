@@ -253,21 +253,21 @@ def _faults(
     streams: list[StreamInfo],
 ) -> list[FaultInfo]:
     zero = {(f.topic, f.channel) for f in worn if f.kind == "zero"}
-    found = [fault_of(f, recording.start_ns) for f in worn]
+    faults = [fault_of(f, recording.start_ns) for f in worn]
     for topic, watch in health.items():
         quantities = {c.name: c.quantity for c in watch.stream.channels}
-        found += (
+        faults += (
             fault_of(f, recording.start_ns)
             for f in watch.findings()
             # what is zero in all axes was said once
             if f.kind != "constant" or (topic, quantities[f.channel]) not in zero
         )
     length_s = (recording.end_ns - recording.start_ns) / NS_PER_S
-    for stream, told in zip(recording.streams, streams, strict=True):
-        if told.samples and told.start_s is not None and told.end_s is not None:
-            heard_s = told.samples / stream.rate_hz
-            found += absences(stream, (told.start_s, told.end_s), heard_s, length_s)
-    return found
+    for stream, info in zip(recording.streams, streams, strict=True):
+        if info.samples and info.start_s is not None and info.end_s is not None:
+            sampled_s = info.samples / stream.rate_hz
+            faults += absences(stream, (info.start_s, info.end_s), sampled_s, length_s)
+    return faults
 
 
 def _date(time_ns: int) -> str | None:
@@ -286,11 +286,11 @@ def _watches(recording: Recording) -> dict[str, PlacementWatch]:
 
 
 def _guess(watch: PlacementWatch | None) -> GuessInfo | None:
-    found = None if watch is None else watch.guess()
-    if watch is None or found is None:
+    guess = None if watch is None else watch.guess()
+    if watch is None or guess is None:
         return None
-    sure = found.contradicts(watch.stated)
-    return GuessInfo(found.site, found.confidence, sure, found.measures, found.text)
+    sure = guess.contradicts(watch.stated)
+    return GuessInfo(guess.site, guess.confidence, sure, guess.measures, guess.text)
 
 
 def _stream(
@@ -365,19 +365,19 @@ def clock_lines(recording: Recording) -> list[str]:
     return lines
 
 
-def fault_of(found: Finding, start_ns: int) -> FaultInfo:
+def fault_of(finding: Finding, start_ns: int) -> FaultInfo:
     """Return a finding as the command says it."""
     return FaultInfo(
-        found.topic,
-        found.channel,
-        found.kind,
-        (found.start_ns - start_ns) / NS_PER_S,
-        (found.end_ns - start_ns) / NS_PER_S,
-        found.events,
-        found.share,
-        found.what,
-        found.effect,
-        found.remedy,
+        finding.topic,
+        finding.channel,
+        finding.kind,
+        (finding.start_ns - start_ns) / NS_PER_S,
+        (finding.end_ns - start_ns) / NS_PER_S,
+        finding.events,
+        finding.share,
+        finding.what,
+        finding.effect,
+        finding.remedy,
     )
 
 

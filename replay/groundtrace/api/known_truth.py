@@ -78,10 +78,10 @@ def scored_truth_of(
     # a replay, which shows what is marked, scores nothing
     from ..evaluation.truth import scored_truth
 
-    found = scored_truth(replayed_labels(labels, origin.from_ns, origin.to_ns), result)
-    for remark in found.remarks:
+    scored = scored_truth(replayed_labels(labels, origin.from_ns, origin.to_ns), result)
+    for remark in scored.remarks:
         report(f"truth: {remark}")
-    return found
+    return scored
 
 
 def truth_beside(
@@ -109,8 +109,8 @@ def truth_of_recording(
     if truth is not None:
         from groundtrace_codecs.truth import names_of
 
-        known = names_of(recording.streams, recording.geometry)
-        _report_unmatched(labels, known, truth, report)
+        names = names_of(recording.streams, recording.geometry)
+        _report_unmatched(labels, names, truth, report)
     return labels
 
 
@@ -126,14 +126,14 @@ def _names_in(result: Results) -> dict[str, tuple[str, ...] | None]:
 
 def _report_unmatched(
     labels: Sequence[Label],
-    known: Mapping[str, Sequence[str] | None],
+    names: Mapping[str, Sequence[str] | None],
     truth: Path,
     report: Report,
 ) -> None:
     """Say what truth names that is not there; refuse one that names nothing that is."""
     from groundtrace_codecs.truth import unmatched_names
 
-    for text in unmatched_names(labels, known, truth.name):
+    for text in unmatched_names(labels, names, truth.name):
         report(f"warning: {text}")
 
 
@@ -192,12 +192,12 @@ def _chosen(source: _Source, author: str | None, report: Report) -> tuple[Label,
             )
         return source.labels
     truth = truth_of_annotations(source.annotations, author or "", source.name)
-    said = f"truth: {len(truth.labels)} annotations of {source.name}"
+    summary = f"truth: {len(truth.labels)} annotations of {source.name}"
     if truth.merged:
-        said += f"; {truth.merged} more that another author gives within 50 ms count once"
+        summary += f"; {truth.merged} more that another author gives within 50 ms count once"
     if truth.conflicts:
-        said += f"; {truth.conflicts} conflicts (groundtrace annotate --conflicts lists them)"
-    report(said)
+        summary += f"; {truth.conflicts} conflicts (groundtrace annotate --conflicts lists them)"
+    report(summary)
     steps = {a.label.kind for a in source.annotations} & {"step", "missed"}
     if steps == {"missed"}:
         report(
@@ -218,10 +218,10 @@ def annotations_to_show(
     from ..annotate.store import stored
 
     try:
-        found = stored(path).kept
+        sidecar = stored(path).kept
     except (AnnotationError, CodecError) as error:
         report(f"annotations are left out: {error}")
         return ()
-    for remark in found.remarks:
+    for remark in sidecar.remarks:
         report(remark)
-    return found.annotations
+    return sidecar.annotations

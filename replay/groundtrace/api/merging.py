@@ -116,7 +116,7 @@ class ClockFinder:
                 f"--offset: expected a file but the first, whose clock is the common one, found "
                 f"{self.sources[0].name}"
             )
-        found: list[FoundClock] = []
+        file_clocks: list[FoundClock] = []
         for number, (recording, path) in enumerate(zip(self.recordings, self.sources, strict=True)):
             record = MergedClock(path.name, file_sha256(path), about_ns=recording.start_ns)
             if number in drifts and number not in offsets:
@@ -130,10 +130,10 @@ class ClockFinder:
             elif number > 0 and align == "none":
                 record = replace(record, how="as recorded")
             elif number > 0:
-                found.append(self._aligned(number, record, align))
+                file_clocks.append(self._aligned(number, record, align))
                 continue
-            found.append(FoundClock(record))
-        return found
+            file_clocks.append(FoundClock(record))
+        return file_clocks
 
     def _aligned(self, number: int, record: MergedClock, how: str) -> FoundClock:
         """Return the clock of a file against the first one's, by moments of both."""
@@ -141,9 +141,9 @@ class ClockFinder:
 
         least = _LEAST_IMPACTS if how == "impacts" else LEAST_MATCHED
         pair = [self._moments_of(i, how) for i in (0, number)]
-        found = align(pair[0], pair[1], least)
+        alignment = align(pair[0], pair[1], least)
         name = self.sources[number].name
-        if found is None:
+        if alignment is None:
             counts = " and ".join(
                 f"{len(m.times_ns)} in {self.sources[i].name}"
                 for i, m in zip((0, number), pair, strict=True)
@@ -153,15 +153,15 @@ class ClockFinder:
                 f"shift that brings them together; give --offset {name}=SECONDS, or --align none"
             )
         note = ""
-        if found.ambiguous:
-            note = _ambiguity(found, how)
+        if alignment.ambiguous:
+            note = _ambiguity(alignment, how)
             if not self.force:
                 raise RecordingError(
                     f"{name}: clock: expected {how} that fit in one way only, found {note}; give "
                     f"--offset {name}=SECONDS, or --force to take the best"
                 )
             self.report(f"warning: {name}: clock is ambiguous: {note}")
-        clock, best = found.clock, found.best
+        clock, best = alignment.clock, alignment.best
         record = replace(
             record,
             how=how,
@@ -174,7 +174,7 @@ class ClockFinder:
             drift_sigma_ppm=best.drift_sigma_ppm if best.drift_fitted else None,
             note=note,
         )
-        return FoundClock(record, found)
+        return FoundClock(record, alignment)
 
     def _moments_of(self, number: int, how: str) -> AlignmentEvents:
         if number not in self._moments:
@@ -185,10 +185,10 @@ class ClockFinder:
     def _impacts(self, number: int) -> AlignmentEvents:
         from .align import impacts
 
-        found = impacts(self.recordings[number])
+        events = impacts(self.recordings[number])
         name = self.sources[number].name
-        self.report(f"{name}: {len(found.times_ns)} impacts that stand out")
-        return found
+        self.report(f"{name}: {len(events.times_ns)} impacts that stand out")
+        return events
 
     def _steps(self, number: int) -> AlignmentEvents:
         from . import align as events
@@ -197,22 +197,22 @@ class ClockFinder:
         where = self.given.steps.get(number)
         replayed = number in self.given.pipelines
         if where == "truth":
-            found, origin = events.steps_of_labels(recording.labels, recording), "its truth"
+            steps, origin = events.steps_of_labels(recording.labels, recording), "its truth"
         elif where is not None and where.endswith(".mcap"):
             given = existing_file(Path(where), "results")
-            found, origin = events.steps_of_results(given, recording), given.name
+            steps, origin = events.steps_of_results(given, recording), given.name
         elif where is not None:
             given = existing_file(Path(where), "a truth CSV")
             labels = read_truth(
                 given, start_ns=recording.start_ns, geometry=recording.geometry, labels=()
             )
-            found, origin = events.steps_of_labels(labels, recording), given.name
+            steps, origin = events.steps_of_labels(labels, recording), given.name
         elif not replayed and (beside := events.results_beside(path)) is not None:
-            found, origin = events.steps_of_results(beside, recording), beside.name
+            steps, origin = events.steps_of_results(beside, recording), beside.name
         else:
-            found, origin = self._replayed(number)
-        self.report(f"{path.name}: {len(found.times_ns)} steps, by {origin}")
-        return found
+            steps, origin = self._replayed(number)
+        self.report(f"{path.name}: {len(steps.times_ns)} steps, by {origin}")
+        return steps
 
     def _replayed(self, number: int) -> tuple[AlignmentEvents, str]:
         from .align import steps_by_replay
@@ -227,20 +227,20 @@ class ClockFinder:
             )
         first_ns = recording.start_ns
         with self.progress((recording.end_ns - first_ns) / NS_PER_S, "finding steps") as show:
-            found = steps_by_replay(recording, pipeline, lambda t: show((t - first_ns) / NS_PER_S))
-        return found, f"a replay with {pipeline}"
+            steps = steps_by_replay(recording, pipeline, lambda t: show((t - first_ns) / NS_PER_S))
+        return steps, f"a replay with {pipeline}"
 
 
-def _ambiguity(found: Alignment, how: str) -> str:
+def _ambiguity(alignment: Alignment, how: str) -> str:
     """Return in words how near the second best shift is."""
-    best, second = found.best, found.second
+    best, second = alignment.best, alignment.second
     text = f"{best.matched} of {best.possible} {how} agree within {best.sigma_s * 1e3:.0f} ms"
     if second is None:
         return f"{text}, which is little more than chance"
     return (
         f"{text}, and shifted by {second.ahead_s - best.ahead_s:+.3f} s {second.matched} of "
-        f"{second.possible} within {second.sigma_s * 1e3:.0f} ms (margin {found.margin:.1f}, "
-        f"needed {found.needed:.1f})"
+        f"{second.possible} within {second.sigma_s * 1e3:.0f} ms (margin {alignment.margin:.1f}, "
+        f"needed {alignment.needed:.1f})"
     )
 
 
@@ -249,27 +249,27 @@ def parts_of(
     names: Sequence[str],
     renames: Sequence[Mapping[str, str]],
     given: Given,
-    found: Sequence[FoundClock] = (),
+    file_clocks: Sequence[FoundClock] = (),
 ) -> list[Part]:
-    """Return the files of a merge, with their clocks; without ``found`` all have the common one."""
-    clocks = [each.record.clock for each in found] or [SAME_CLOCK] * len(recordings)
+    """Return the files of a merge, with ``file_clocks``; without these all have the common one."""
+    clocks = [each.record.clock for each in file_clocks] or [SAME_CLOCK] * len(recordings)
     topics = [key for key in dict.fromkeys((*given.offsets, *given.drifts)) if isinstance(key, str)]
     parts = []
     for recording, name, clock, new in zip(recordings, names, clocks, renames, strict=True):
-        own = {}
+        topic_clocks = {}
         for topic in topics:
             if any(topic == c.topic for c in recording.file.channels.values()):
                 ahead_ns = round(given.offsets.get(topic, 0.0) * NS_PER_S)
                 device = DeviceClock(ahead_ns, given.drifts.get(topic, 0.0), recording.start_ns)
-                own[topic] = device.within(clock)
-        parts.append(Part(recording, name, clock, own, new))
+                topic_clocks[topic] = device.within(clock)
+        parts.append(Part(recording, name, clock, topic_clocks, new))
     return parts
 
 
-def clock_records(found: Sequence[FoundClock], parts: Sequence[Part]) -> list[MergedClock]:
+def clock_records(file_clocks: Sequence[FoundClock], parts: Sequence[Part]) -> list[MergedClock]:
     """Return what the merged file keeps about clocks: of each file, and of topics of its own."""
     records = []
-    for each, part in zip(found, parts, strict=True):
+    for each, part in zip(file_clocks, parts, strict=True):
         origin = each.record
         records.append(replace(origin, name=part.name))
         records += [

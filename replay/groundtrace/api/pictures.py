@@ -71,7 +71,7 @@ def draw(results: Results, at: float | None = None) -> Any:
     recording = recording_at(results.name, results.decided.provenance.sha256, results.places)
     steps = results.step_times
     if at is None:
-        at = next(iter((*steps.missed, *steps.found)), 0.0)
+        at = next(iter((*steps.missed, *steps.detected)), 0.0)
     topics = {stream.topic for stream in recording.streams}
     topic = next((t for t in results.steps.topic.tolist() if t in topics), None)
     with style():

@@ -52,7 +52,7 @@ def recording_at(name: str, sha256: str, places: Sequence[Path]) -> Recording:
     RecordingError
         Where it is nowhere.
     """
-    url = next((place for place in places if is_url(place)), None)
+    url = next((location for location in places if is_url(location)), None)
     path = url or recording_in(places, sha256)
     if path is None:
         raise RecordingError(f"{name}: expected the recording to draw, found no file of its bytes")
@@ -110,8 +110,8 @@ def plot_moment(
         draw_steps(axes[0], steps, time_s, around_s)
         heading, reason = texts
         figure.suptitle(heading, x=0.01, ha="left", weight="bold")
-        said = "\n".join(textwrap.fill(line, LINE) for line in reason.splitlines())
-        axes[0].set_title(said, loc="left", fontsize=11, weight="normal")
+        wrapped = "\n".join(textwrap.fill(line, LINE) for line in reason.splitlines())
+        axes[0].set_title(wrapped, loc="left", fontsize=11, weight="normal")
         _draw_gates(axes[1], nearest)
     return axes
 
@@ -146,11 +146,11 @@ def figure_bytes(figure: Any, kind: str, sha256: str, dpi: float) -> bytes:
     kind
         One of :data:`FORMATS`.
     """
-    told = {FORMATS[kind]: mark_of(sha256)} | _SAME.get(kind, {})
+    metadata = {FORMATS[kind]: mark_of(sha256)} | _SAME.get(kind, {})
     more = {"svg.hashsalt": sha256, "pdf.fonttype": 42}  # 42: letters stay letters
     drawn = BytesIO()
     with style(**more):
-        figure.savefig(drawn, dpi=dpi, format=kind.removeprefix("."), metadata=told)
+        figure.savefig(drawn, dpi=dpi, format=kind.removeprefix("."), metadata=metadata)
     return drawn.getvalue()
 
 
@@ -173,9 +173,9 @@ def draw_signal(
     stream = recording.streams[0] if topic is None else recording[topic]
     samples = stream.read(max(time_s - around_s, 0.0), time_s + around_s)
     axes.set_prop_cycle(color=[COLOURS[name] for name in SIGNALS])
-    alike = [i for i, q in enumerate(stream.quantities) if q == stream.quantities[0]]
-    for column in alike:
-        label = samples.channels[column] if len(alike) <= MOST_NAMES else None
+    columns = [i for i, q in enumerate(stream.quantities) if q == stream.quantities[0]]
+    for column in columns:
+        label = samples.channels[column] if len(columns) <= MOST_NAMES else None
         axes.plot(samples.time_s, samples[:, column], lw=1, label=label)
     axes.set_xlim(max(time_s - around_s, 0.0), min(time_s + around_s, recording.duration_s))
     axes.set_xlabel("time [s]")

@@ -273,8 +273,8 @@ class Recording:
         for stream in self.streams:
             if stream.topic == topic:
                 return stream
-        known = ", ".join(stream.topic for stream in self.streams) or "none"
-        raise RecordingError(f"{self.name}: expected one of {known}, found {topic!r}")
+        topics = ", ".join(stream.topic for stream in self.streams) or "none"
+        raise RecordingError(f"{self.name}: expected one of {topics}, found {topic!r}")
 
     def __iter__(self) -> Iterator[Stream]:
         return iter(self.streams)
@@ -335,7 +335,7 @@ def open_recording(
     >>> gt.open("waist-walk")["/imu/waist"]
     Stream(/imu/waist, 6 x 100 Hz, waist)
     """
-    path = recordings.place(source)
+    path = recordings.locate(source)
     site = None
     if geometry is not None:
         site = Geometry.from_toml(existing_file(Path(geometry), "a geometry TOML"))
@@ -394,11 +394,11 @@ class Recordings:
         from groundtrace_recordings import path_of
         from groundtrace_recordings.catalogue import catalogue, fetch
 
-        if (known := catalogue().get(name)) is not None:
-            return fetch(known)
+        if (entry := catalogue().get(name)) is not None:
+            return fetch(entry)
         return path_of(name if name.endswith(".mcap") else f"{name}.mcap")
 
-    def place(self, source: str | Path) -> Path:
+    def locate(self, source: str | Path) -> Path:
         """Return the file or URL that is meant: a path, or else the name of a recording.
 
         Raises

@@ -275,16 +275,16 @@ class PlannedReplay:
         """Return in one line what is replayed beside the span, for people; empty for little."""
         session, stages = self.session, self.ready.chain.memories
         start_ns, stop_ns = self.span
-        said = []
+        parts = []
         before = [name for name, memory in stages.items() if memory.warm_up_s is None]
         if before and start_ns is not None and start_ns > session.start_ns:
             seconds = (start_ns - session.start_ns) / NS_PER_S
-            said.append(f"the {seconds:.1f} s before it, on all of which {before[0]} depends")
+            parts.append(f"the {seconds:.1f} s before it, on all of which {before[0]} depends")
         after = [name for name, memory in stages.items() if memory.delay_s is None]
         if after and stop_ns is not None and stop_ns < session.end_ns:
             seconds = (session.end_ns - stop_ns) / NS_PER_S
-            said.append(f"the {seconds:.1f} s after it, on all of which {after[0]} depends")
-        return f"the span is replayed with {' and '.join(said)}" if said else ""
+            parts.append(f"the {seconds:.1f} s after it, on all of which {after[0]} depends")
+        return f"the span is replayed with {' and '.join(parts)}" if parts else ""
 
     def signal(self, block_s: float | None = None) -> Iterable[SignalBlock | Gap | Note]:
         """Return what is replayed of the recording, with warnings of worn sensors.
@@ -455,13 +455,13 @@ def missed_step(results: Path, number: int, report: Report = unheard) -> int:
         raise RecordingError(
             f"{name}: --at-miss: expected true steps in the recording, found {kinds_of(labels)}"
         )
-    found = matched(evidence_of(result, labels), tolerance_s=STEP_TOLERANCE_S)
-    if not 1 <= number <= len(found.missed):
+    matching = matched(evidence_of(result, labels), tolerance_s=STEP_TOLERANCE_S)
+    if not 1 <= number <= len(matching.missed):
         raise RecordingError(
-            f"{name}: --at-miss: expected one of the {len(found.missed)} missed steps, "
+            f"{name}: --at-miss: expected one of the {len(matching.missed)} missed steps, "
             f"found {number}"
         )
-    return int(found.truth_ns[found.missed[number - 1]])
+    return int(matching.truth_ns[matching.missed[number - 1]])
 
 
 class TimeWindowSink:

@@ -78,8 +78,8 @@ class Results:
     @property
     def places(self) -> tuple[Path, ...]:
         """Where the recording may be: beside the results, in this folder, or known by name."""
-        known = recordings.here.values()
-        there = (Path(self.recording_path.name), *(p for p in known if p.name == self.name))
+        local_paths = recordings.here.values()
+        there = (Path(self.recording_path.name), *(p for p in local_paths if p.name == self.name))
         return tuple(dict.fromkeys((self.recording_path, *there)))
 
     @cached_property
@@ -159,9 +159,9 @@ class Results:
         return self["notes"]
 
     def __getitem__(self, kind: str) -> EventTable:
-        known = tables_of_events()
-        if kind not in known:
-            raise RecordingError(f"{self.name}: expected one of {', '.join(known)}, found {kind!r}")
+        kinds = tables_of_events()
+        if kind not in kinds:
+            raise RecordingError(f"{self.name}: expected one of {', '.join(kinds)}, found {kind!r}")
         if kind not in self._tables:
             self._tables[kind] = table_of(next(tables_of(self._material, kind)))
         return self._tables[kind]
@@ -202,9 +202,9 @@ class Results:
         Error
             Where there is no truth that the results answer, or no such stage.
         """
-        known, remarks = self._told_truth(truth, author)
-        figures = scored(self.decided, known, tolerance_s, stages)
-        return Score(self.name, figures, tolerance_s, known, remarks, self.decided.warnings)
+        scored_truth, remarks = self._told_truth(truth, author)
+        figures = scored(self.decided, scored_truth, tolerance_s, stages)
+        return Score(self.name, figures, tolerance_s, scored_truth, remarks, self.decided.warnings)
 
     def why(
         self,
@@ -250,11 +250,11 @@ class Results:
             kind, step, fix, pick, at, tolerance_s, tolerance_m, pick_tolerance_s, stage
         )
         evidence = self.evidence(truth)
-        found = explained(evidence, self.decided.name, asked)
+        answer = explained(evidence, self.decided.name, asked)
         origin, warned = self.decided.provenance, self.decided.warnings
         return Explanation(
             self.name,
-            found,
+            answer,
             warned,
             origin.start_ns,
             origin.sha256,
@@ -269,8 +269,8 @@ class Results:
 
     def evidence(self, truth: str | Path | None = None) -> Evidence:
         """Return what decisions are explained by."""
-        known = self.scored_truth(truth)
-        return evidence_with(self.decided, known.labels, (self.recording_path,))
+        scored_truth = self.scored_truth(truth)
+        return evidence_with(self.decided, scored_truth.labels, (self.recording_path,))
 
     def scored_truth(self, given: str | Path | None = None) -> ScoredTruth:
         """Return the truth of the span that was replayed; ``given`` is a file instead."""
@@ -282,19 +282,21 @@ class Results:
         """Return the truth, and what a person should know of it."""
         remarks: list[str] = []
         given = None if truth is None else Path(truth)
-        known = scored_truth_of(self.decided, self.recording_path, given, author, remarks.append)
-        return known, tuple(remarks)
+        scored_truth = scored_truth_of(
+            self.decided, self.recording_path, given, author, remarks.append
+        )
+        return scored_truth, tuple(remarks)
 
     @cached_property
     def matching(self) -> StepMatch | None:
         """Which steps answer which true ones, at 0.12 s; None without true steps or steps."""
-        said = answers_of(self.decided.events)
+        answers = answers_of(self.decided.events)
         labels = self.scored_truth().labels
-        if not said.finds_steps or not any(label.kind == "step" for label in labels):
+        if not answers.finds_steps or not any(label.kind == "step" for label in labels):
             return None
         origin = self.decided.provenance
         end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
-        found_ns = np.array([step.time_ns for step in said.steps], np.int64)
+        found_ns = np.array([step.time_ns for step in answers.steps], np.int64)
         return match_steps(labels, found_ns, origin.start_ns, end_ns, STEP_TOLERANCE_S)
 
     @property
@@ -307,8 +309,8 @@ class Results:
         """Return what was found, in words."""
         matching = self.matching
         if matching is not None:
-            found = f"{len(matching.pairs)}/{len(matching.truth_ns)} steps"
-            return f"{found}, {len(matching.false)} false"
+            matched = f"{len(matching.pairs)}/{len(matching.truth_ns)} steps"
+            return f"{matched}, {len(matching.false)} false"
         quiet = ("gaps", "notes")
         kinds = [k for k in tables_of_events() if k not in quiet and len(self[k])]
         return ", ".join(f"{len(self[kind])} {kind}" for kind in kinds) or "no events"
@@ -410,11 +412,11 @@ def replay(
         if target is not None:
             results_writable(target, source, force=force)
         plan = PlannedReplay.of(file, recording.path, ready, from_s, to_s)
-        origin, kept = plan.provenance(), EventList()
+        origin, event_list = plan.provenance(), EventList()
         written = [] if target is None else [ResultsSink(target, origin, force=True)]
-        plan.run([kept, *written], progress=progress)
+        plan.run([event_list, *written], progress=progress)
     name = f"{recording.path.stem}.results.mcap" if target is None else target.name
-    return Results(_decided(name, plan, origin, tuple(kept.events)), recording.path, target)
+    return Results(_decided(name, plan, origin, tuple(event_list.events)), recording.path, target)
 
 
 def _decided(

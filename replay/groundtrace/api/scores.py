@@ -58,8 +58,12 @@ def score_document(figures: Figures, truth: ScoredTruth, warnings: Sequence[Warn
     """Return a score as one document; with what was left out of the truth, where there is any."""
     left_out: dict[str, object] = {}
     if truth.remarks:
-        said = {"waypoints_given": truth.given, "foot": truth.foot, "remarks": truth.remarks}
-        left_out = {"truth": said}
+        truth_document = {
+            "waypoints_given": truth.given,
+            "foot": truth.foot,
+            "remarks": truth.remarks,
+        }
+        left_out = {"truth": truth_document}
     return plain_document(figures.parts | left_out, warnings)
 
 
@@ -153,8 +157,8 @@ class Score:
         if steps is None:
             return f"Score({self.recording}, {', '.join(self.details.parts)})"
         false = steps.detected - steps.matched
-        found = f"{steps.matched}/{steps.truth} steps, {false} false"
-        return f"Score({self.recording}, F1 {steps.f1:.3f}, {found})"
+        counts = f"{steps.matched}/{steps.truth} steps, {false} false"
+        return f"Score({self.recording}, F1 {steps.f1:.3f}, {counts})"
 
     def _repr_html_(self) -> str:
         title = f"{self.recording}: score at {self.tolerance_s:g} s"
@@ -166,8 +170,8 @@ def numbers_of(parts: Mapping[str, object]) -> Iterator[tuple[str, str, float]]:
     for part, value in plain_document(dict(parts)).items():
         waiting = [("", value)]
         while waiting:
-            name, found = waiting.pop(0)
-            if isinstance(found, dict):
-                waiting = [(f"{name}.{k}".strip("."), v) for k, v in found.items()] + waiting
-            elif isinstance(found, int | float) and not isinstance(found, bool):
-                yield part, name, float(found)
+            name, item = waiting.pop(0)
+            if isinstance(item, dict):
+                waiting = [(f"{name}.{k}".strip("."), v) for k, v in item.items()] + waiting
+            elif isinstance(item, int | float) and not isinstance(item, bool):
+                yield part, name, float(item)

@@ -153,8 +153,8 @@ class EventTable:
         columns = self.__dict__.get("columns", {})
         if name not in columns:
             raise AttributeError(f"{type(self).__name__!r} has no column or attribute {name!r}")
-        found: NDArray[Any] = columns[name]
-        return found
+        column: NDArray[Any] = columns[name]
+        return column
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.columns})

@@ -107,8 +107,8 @@ def annotate(
     """
     path = existing_recording(recording)
     if commit != (out is not None):
-        found = "--commit alone" if commit else "--out alone"
-        raise AnnotationError(f"--commit: expected it together with --out FILE, found {found}")
+        given = "--commit alone" if commit else "--out alone"
+        raise AnnotationError(f"--commit: expected it together with --out FILE, found {given}")
     if pipeline and results is not None:
         raise AnnotationError("--pipeline: expected it or --results, found both")
     if pipeline:
@@ -193,8 +193,8 @@ def _annotation_text(done: Done, annotation: Annotation) -> str:
 
 def _conflict_text(done: Done, conflict: Conflict) -> str:
     """Return a conflict as text."""
-    told = " / ".join(f"{_annotation_text(done, a)} ({a.id})" for a in conflict.annotations)
-    return f"{conflict.reason}: {told}"
+    texts = " / ".join(f"{_annotation_text(done, a)} ({a.id})" for a in conflict.annotations)
+    return f"{conflict.reason}: {texts}"
 
 
 def _print_annotations(done: Done) -> None:
@@ -214,7 +214,7 @@ def _row(done: Done, annotation: Annotation) -> tuple[str, ...]:
 
 
 def _print_conflicts(done: Done) -> None:
-    found = conflicts_of(done.annotations)
-    print_line(f"{len(found)} conflicts" if found else "no conflicts")
-    for conflict in found:
+    conflicts = conflicts_of(done.annotations)
+    print_line(f"{len(conflicts)} conflicts" if conflicts else "no conflicts")
+    for conflict in conflicts:
         print_line(f"  {_conflict_text(done, conflict)}")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
+from groundtrace_codecs.errors import did_you_mean
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import bundled, licence_text
@@ -14,7 +15,7 @@ from groundtrace_recordings.catalogue import CataloguedRecording, catalogue, fet
 
 from ..api.files import named_recording
 from ..api.inspection import SOURCE
-from ..errors import UsageError, did_you_mean
+from ..errors import UsageError
 from .console import print_json, print_line, print_stderr, print_table
 from .options import FLAG, NAME, Json
 
@@ -63,26 +64,26 @@ def recordings(
     if action != "list":
         if recording is None or recording.removesuffix(".mcap") not in names:
             near = did_you_mean(recording or "", names)
-            found = "none" if recording is None else repr(recording)
+            given = "none" if recording is None else repr(recording)
             raise UsageError(
-                f"recordings {action}: expected one of {', '.join(names)}, found {found}{near}"
+                f"recordings {action}: expected one of {', '.join(names)}, found {given}{near}"
             )
         names = [recording.removesuffix(".mcap")]
     elif recording is not None:
         raise UsageError(f"recordings list: expected no name, found {recording!r}")
     if action == "get" and names[0] in remote:
         fetch(remote[names[0]], offline=offline, report=print_stderr)
-    known = [_fetchable(remote[n]) if n in remote else _described(n) for n in names]
+    entries = [_fetchable(remote[n]) if n in remote else _described(n) for n in names]
     if json:
-        print_json({"recordings": known})
+        print_json({"recordings": entries})
     elif action == "get":
-        print_line(str(named_recording(Path(known[0].path))))
+        print_line(str(named_recording(Path(entries[0].path))))
     elif action == "show":
-        _print_one(known[0], names[0], in_full=licence)
+        _print_one(entries[0], names[0], in_full=licence)
     else:
         print_table(
             ("name", "here", "length", "truth", "licence", "MB", "what"),
-            [_row(each) for each in known],
+            [_row(each) for each in entries],
         )
         print_line("\nnext: groundtrace replay NAME, where it is not here: recordings get NAME")
 
@@ -125,20 +126,20 @@ def _row(of: Known) -> tuple[str, ...]:
     return (of.name, here, length, _truth(of), of.licence, f"{of.bytes / 1e6:.2f}", of.title)
 
 
-def _truth(found: Known) -> str:
-    return ", ".join(f"{n} {kind}" for kind, n in found.truth.items())
+def _truth(entry: Known) -> str:
+    return ", ".join(f"{n} {kind}" for kind, n in entry.truth.items())
 
 
-def _print_one(found: Known, name: str, *, in_full: bool) -> None:
-    length = "" if found.duration_s is None else f"{found.duration_s:.3f} s, "
-    print_line(f"{found.name}: {found.title}")
-    print_line(f"{length}{found.bytes / 1e6:.2f} MB, truth: {_truth(found) or 'none'}")
+def _print_one(entry: Known, name: str, *, in_full: bool) -> None:
+    length = "" if entry.duration_s is None else f"{entry.duration_s:.3f} s, "
+    print_line(f"{entry.name}: {entry.title}")
+    print_line(f"{length}{entry.bytes / 1e6:.2f} MB, truth: {_truth(entry) or 'none'}")
     for key in ("authors", "url", "citation", "licence", "changed", "tuned_on"):
-        if key in found.source:
-            print_line(f"{key.replace('_', ' ')}: {found.source[key]}")
+        if key in entry.source:
+            print_line(f"{key.replace('_', ' ')}: {entry.source[key]}")
     remote = catalogue()
     excerpt = remote[name].excerpt if name in remote else name
-    if not found.source:
+    if not entry.source:
         print_line("made by: groundtrace simulate")
     elif not excerpt:
         print_line("licence in full: where it is fetched from")
@@ -146,4 +147,4 @@ def _print_one(found: Known, name: str, *, in_full: bool) -> None:
         print_line(f"\n{licence_text(f'{excerpt}.mcap')}\n")
     else:
         print_line(f"licence in full: groundtrace recordings show {name} --licence")
-    print_line(f"next: groundtrace {'replay' if found.here else 'recordings get'} {found.name}")
+    print_line(f"next: groundtrace {'replay' if entry.here else 'recordings get'} {entry.name}")

@@ -54,14 +54,14 @@ def compare(
     labels = truth_beside(one, a, truth, print_stderr)
     labels = labels or truth_beside(other, b, truth, print_stderr)
     places = [one.provenance.beside(path) for path in (a, b)]
-    found = compared(one, other, labels, tolerance, places)
+    comparison = compared(one, other, labels, tolerance, places)
     if json:
-        print_json(found)
+        print_json(comparison)
     else:
-        _print_comparison(found)
+        _print_comparison(comparison)
     if rrd is not None or spawn:
         sides = evidence_of(one, labels), evidence_of(other, labels)
-        load("views", "compare")(*sides, found, _page(found), path=rrd, spawn=spawn)
+        load("views", "compare")(*sides, comparison, _page(comparison), path=rrd, spawn=spawn)
     if rrd is not None:
         print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
 
@@ -77,22 +77,22 @@ def _replaced_by(results: Path) -> Path:
     return previous
 
 
-def _print_comparison(found: Comparison) -> None:
-    print_line(f"{found.recording}: A {_side(found.a)}; B {_side(found.b)}")
-    for change in found.parameters:
+def _print_comparison(comparison: Comparison) -> None:
+    print_line(f"{comparison.recording}: A {_side(comparison.a)}; B {_side(comparison.b)}")
+    for change in comparison.parameters:
         values = ("absent" if v is None else v for v in (change.a, change.b))
         print_line(f"  {change.stage}.{change.parameter}: A {{}}, B {{}}".format(*values))
     print_line(
-        ", ".join(f"{n} {verdict}" for verdict, n in found.verdicts.items()) or "no decisions"
+        ", ".join(f"{n} {verdict}" for verdict, n in comparison.verdicts.items()) or "no decisions"
     )
-    if found.p_value is not None:
+    if comparison.p_value is not None:
         print_line(
-            f"McNemar's exact test: p = {found.p_value:.2g} "
-            f"({'more' if found.p_value < 0.05 else 'no more'} than chance explains)"
+            f"McNemar's exact test: p = {comparison.p_value:.2g} "
+            f"({'more' if comparison.p_value < 0.05 else 'no more'} than chance explains)"
         )
-    if found.places is not None:
-        _print_places(found.places)
-    rows = [_comparison_row(d) for d in found.decisions if d.obstacle is not None]
+    if comparison.places is not None:
+        _print_places(comparison.places)
+    rows = [_comparison_row(d) for d in comparison.decisions if d.obstacle is not None]
     if rows:
         print_line()
         print_table(("time [s]", "step", "verdict", "without it", "why"), rows)
@@ -141,19 +141,24 @@ as green triangles, rejected ones as grey crosses.
 """
 
 
-def _page(found: Comparison) -> str:
+def _page(comparison: Comparison) -> str:
     """Return the page about two results."""
     from .why import counts_table
 
-    lines = [f"# {found.recording}", "", f"A = {found.a.name}, B = {found.b.name}", ""]
-    if found.a.counts is not None and found.b.counts is not None:
-        lines += counts_table((("A", found.a.counts), ("B", found.b.counts)))
+    lines = [
+        f"# {comparison.recording}",
+        "",
+        f"A = {comparison.a.name}, B = {comparison.b.name}",
+        "",
+    ]
+    if comparison.a.counts is not None and comparison.b.counts is not None:
+        lines += counts_table((("A", comparison.a.counts), ("B", comparison.b.counts)))
     lines += ["", "| parameter | A | B |", "|---|---|---|"]
-    lines += [f"| {c.stage}.{c.parameter} | {c.a} | {c.b} |" for c in found.parameters]
-    lines += ["", *(f"* {n} {verdict}" for verdict, n in found.verdicts.items())]
-    if found.p_value is not None:
-        lines.append(f"* McNemar's exact test: p = {found.p_value:.3g}")
-    differing = [d for d in found.decisions if d.obstacle is not None]
+    lines += [f"| {c.stage}.{c.parameter} | {c.a} | {c.b} |" for c in comparison.parameters]
+    lines += ["", *(f"* {n} {verdict}" for verdict, n in comparison.verdicts.items())]
+    if comparison.p_value is not None:
+        lines.append(f"* McNemar's exact test: p = {comparison.p_value:.3g}")
+    differing = [d for d in comparison.decisions if d.obstacle is not None]
     lines += ["", "| time [s] | | why |", "|---|---|---|"]
     lines += [
         f"| {d.time_s:.3f} | {d.verdict} | {d.obstacle.side}: {d.obstacle.text} |"

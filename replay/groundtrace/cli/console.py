@@ -93,8 +93,10 @@ def progress(
     class Rate(ProgressColumn):
         def render(self, task: Any) -> Text:
             rate = task.finished_speed or task.speed
-            known = "" if rate is None else f"{rate:.3g} " + ("x" if unit == "s" else f"{unit}/s")
-            return Text(known.rjust(10))
+            speed_text = (
+                "" if rate is None else f"{rate:.3g} " + ("x" if unit == "s" else f"{unit}/s")
+            )
+            return Text(speed_text.rjust(10))
 
     class Done(ProgressColumn):
         def render(self, task: Any) -> Text:
@@ -128,8 +130,8 @@ def lost_messages(count: int | None) -> str:
 
 def damage_text(damage: Damage) -> str:
     """Return what is wrong at a place, and what that costs where something is lost."""
-    told = ", ".join(filter(None, ("damage", lost_messages(damage.messages).rstrip())))
-    return f"{told}: {damage.reason}"
+    heading = ", ".join(filter(None, ("damage", lost_messages(damage.messages).rstrip())))
+    return f"{heading}: {damage.reason}"
 
 
 def quoted(path: Path) -> str:

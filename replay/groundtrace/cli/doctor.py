@@ -70,55 +70,63 @@ def doctor(
         _print_installation(report.installation)
 
 
-def _print_health(found: Health) -> None:
-    state = "sound" if found.sound else "damaged"
+def _print_health(health: Health) -> None:
+    state = "sound" if health.sound else "damaged"
     print_line(
-        f"{found.recording}: {state}, {found.bytes} bytes, "
-        f"{counted(found.messages, 'message')} can be read"
+        f"{health.recording}: {state}, {health.bytes} bytes, "
+        f"{counted(health.messages, 'message')} can be read"
     )
-    for place in found.damage:
-        print_line(f"damage: {_place_text(place)}")
-    for place in found.undecodable:
-        print_line(f"not decoded: 1 message at {place.start_s:.3f} s: {place.reason}")
-    if found.signals is not None:
-        print_line(f"signals: none can be decoded: {found.signals}")
-    for attachment in found.attachments:
+    for damage in health.damage:
+        print_line(f"damage: {_place_text(damage)}")
+    for message in health.undecodable:
+        print_line(f"not decoded: 1 message at {message.start_s:.3f} s: {message.reason}")
+    if health.signals is not None:
+        print_line(f"signals: none can be decoded: {health.signals}")
+    for attachment in health.attachments:
         if attachment.fault is not None:
             print_line(f"attachment: {attachment.fault}")
-    if found.lost or found.lost_uncounted:
-        counts = [counted(found.lost, "message")] if found.lost else []
-        unknown = ["an unknown number"] if found.lost_uncounted else []
+    if health.lost or health.lost_uncounted:
+        counts = [counted(health.lost, "message")] if health.lost else []
+        unknown = ["an unknown number"] if health.lost_uncounted else []
         print_line(f"lost: {' and '.join(counts + unknown)}")
-    print_table(("topic", "messages"), [(t.topic, str(t.messages)) for t in found.topics])
-    if found.repair is not None:
-        print_line(f"wrote {found.repair.path}: {counted(found.repair.messages, 'message')}")
-        for fault in found.repair.left_out:
+    print_table(("topic", "messages"), [(t.topic, str(t.messages)) for t in health.topics])
+    if health.repair is not None:
+        print_line(f"wrote {health.repair.path}: {counted(health.repair.messages, 'message')}")
+        for fault in health.repair.left_out:
             print_line(f"left out: {fault}")
 
 
-def _place_text(place: Place) -> str:
-    lost = lost_messages(place.messages).rstrip()
+def _place_text(damage: Place) -> str:
+    lost = lost_messages(damage.messages).rstrip()
     span = ""
-    if place.start_s is not None and place.end_s is not None:
-        span = f"{place.start_s:.3f} to {place.end_s:.3f} s"
-    told = ", ".join(filter(None, (lost, span)))
-    bytes_ = f"bytes {place.offset} to {place.offset + place.length}"
-    return ": ".join(filter(None, (bytes_, told, place.reason)))
+    if damage.start_s is not None and damage.end_s is not None:
+        span = f"{damage.start_s:.3f} to {damage.end_s:.3f} s"
+    extent = ", ".join(filter(None, (lost, span)))
+    bytes_ = f"bytes {damage.offset} to {damage.offset + damage.length}"
+    return ": ".join(filter(None, (bytes_, extent, damage.reason)))
 
 
-def _print_installation(found: Installation) -> None:
-    print_line(f"groundtrace {found.groundtrace}, Python {found.python}, {found.platform}")
-    rows = [(p.name, p.version or "MISSING") for p in found.packages]
+def _print_installation(installation: Installation) -> None:
+    print_line(
+        f"groundtrace {installation.groundtrace}, Python {installation.python}, "
+        f"{installation.platform}"
+    )
+    rows = [(p.name, p.version or "MISSING") for p in installation.packages]
     print_table(("package", "version"), rows)
-    print_line(f"viewer: {found.viewer.version or found.viewer.fault}")
-    for extra in found.extras:
+    print_line(f"viewer: {installation.viewer.version or installation.viewer.fault}")
+    for extra in installation.extras:
         has = (
             f"{extra.package} {extra.version}"
             if extra.version
             else f"not installed; {extra.command}"
         )
         print_line(f"extra {extra.extra}: {has}")
-    print_line(f"plugins: {found.plugins}, of which {len(found.broken_plugins)} do not import")
-    for broken in found.broken_plugins:
+    print_line(
+        f"plugins: {installation.plugins}, of which {len(installation.broken_plugins)} "
+        f"do not import"
+    )
+    for broken in installation.broken_plugins:
         print_line(f"  {broken}")
-    print_line("everything needed is there" if found.sound else "something needed is missing")
+    print_line(
+        "everything needed is there" if installation.sound else "something needed is missing"
+    )

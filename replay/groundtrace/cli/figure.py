@@ -49,11 +49,11 @@ def figure(
         import matplotlib
 
     if out.suffix.lower() not in FORMATS:
-        known = ", ".join(FORMATS)
-        raise UsageError(f"{out}: expected a name that ends in {known}, found {out.name}")
+        suffixes = ", ".join(FORMATS)
+        raise UsageError(f"{out}: expected a name that ends in {suffixes}, found {out.name}")
     if (step is None) == (at is None):
-        found = "neither" if step is None else "both"
-        raise UsageError(f"figure: expected --step or --at, found {found}")
+        given = "neither" if step is None else "both"
+        raise UsageError(f"figure: expected --step or --at, found {given}")
     matplotlib.use("agg")  # a file needs no display, and none is asked for
     writable(out, force=force, sources=[results], of=lambda: provenance_of(results))
     decided = load_results(results)

@@ -153,11 +153,13 @@ def fleet(
         with _resumable(mine, count, parts), progress(len(mine), "fleet", "replays") as show:
             listed = run(mine, runs, parts, count, show, print_stderr, resume=resume, here=here)
         joined = join(parts, listed, out, command) if part is None else None
-    said = _report(out, parts, len(locations), count, joined, missing, time.perf_counter() - began)
+    report = _report(
+        out, parts, len(locations), count, joined, missing, time.perf_counter() - began
+    )
     if json:
-        print_json(said)
+        print_json(report)
     else:
-        _print(said)
+        _print(report)
         if missing:
             print_line(f"missing or broken: {missing} parts of {len(tasks)}, left out")
     rows, errors = (
@@ -232,22 +234,22 @@ def _report(
     )
 
 
-def _print(said: FleetReport) -> None:
-    known = f", {said.known} were done before" if said.known else ""
-    print_line(f"{said.done} replayed, {said.failed} failed{known}; {said.wall_s:.1f} s")
-    if said.left_out:
-        print_line(f"workers left out: {len(said.left_out)}; {said.left_out[0]}")
-    if said.table is None:
-        print_line(f"parts: {said.parts} (when all shards are there, join them with --join)")
+def _print(report: FleetReport) -> None:
+    earlier = f", {report.known} were done before" if report.known else ""
+    print_line(f"{report.done} replayed, {report.failed} failed{earlier}; {report.wall_s:.1f} s")
+    if report.left_out:
+        print_line(f"workers left out: {len(report.left_out)}; {report.left_out[0]}")
+    if report.table is None:
+        print_line(f"parts: {report.parts} (when all shards are there, join them with --join)")
         return
-    print_line(f"table: {said.table}, {said.rows} rows of {said.recordings} recordings")
-    print_line(f"steps: {said.steps_table}, {said.steps} rows")
-    if said.errors:
-        print_line(f"errors: {said.errors} rows have one, in the column error")
-    if said.warnings:
-        print_line(f"warnings: {said.warnings} rows have some, in the column warnings")
-    print_line(f"decided: {said.digest} (the same wherever it is computed)")
-    print_line(f"look at it with: groundtrace fleet-report {said.table} -o fleet.html")
+    print_line(f"table: {report.table}, {report.rows} rows of {report.recordings} recordings")
+    print_line(f"steps: {report.steps_table}, {report.steps} rows")
+    if report.errors:
+        print_line(f"errors: {report.errors} rows have one, in the column error")
+    if report.warnings:
+        print_line(f"warnings: {report.warnings} rows have some, in the column warnings")
+    print_line(f"decided: {report.digest} (the same wherever it is computed)")
+    print_line(f"look at it with: groundtrace fleet-report {report.table} -o fleet.html")
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,16 +323,18 @@ def fleet_report(
     listed = None if tags is None else existing_file(tags, "a table of tags")
     groups = groups_of(fleet, group_by, listed) if group_by else None
     least = _least(matters or [])
-    found = [] if old is None else changes(old, fleet, groups, least)
+    figure_changes = [] if old is None else changes(old, fleet, groups, least)
     files = _pipeline_files(fleet, out)
-    write_text(out, fleet_page(fleet, missed_steps(table), files, old, found, group_by))
+    write_text(out, fleet_page(fleet, missed_steps(table), files, old, figure_changes, group_by))
     if json:
         errors = sum(bool(error) for error in fleet.of("error"))
         paired = 0 if old is None else len(pairs_of(old, fleet))
-        told = [_info(change) for change in found]
+        change_infos = [_info(change) for change in figure_changes]
         compared = None if against is None else against.name
         print_json(
-            FleetReportInfo(str(out), table.name, len(fleet), errors, compared, paired, told)
+            FleetReportInfo(
+                str(out), table.name, len(fleet), errors, compared, paired, change_infos
+            )
         )
     elif old is not None:
         header = (
@@ -345,13 +349,13 @@ def fleet_report(
             "p, corrected",
             "",
         )
-        print_table(header, [(*change_cells(c), c.verdict) for c in found])
+        print_table(header, [(*change_cells(c), c.verdict) for c in figure_changes])
     print_stderr(f"page: {out}")
 
 
 def _least(texts: Sequence[str]) -> dict[str, float]:
     """Return the least differences that matter, by the key of the figure."""
-    known = [measure.key for measure in MEASURES]
+    keys = [measure.key for measure in MEASURES]
     least = {}
     for text in texts:
         key, _, value = text.partition("=")
@@ -359,9 +363,9 @@ def _least(texts: Sequence[str]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             number = math.nan
-        if key not in known or not 0 <= number < math.inf:
-            said = f"FIGURE=NUMBER with one of {', '.join(known)}"
-            raise UsageError(f"--matters: expected {said}, found {text}")
+        if key not in keys or not 0 <= number < math.inf:
+            expected = f"FIGURE=NUMBER with one of {', '.join(keys)}"
+            raise UsageError(f"--matters: expected {expected}, found {text}")
         least[key] = number
     return least
 

@@ -58,22 +58,22 @@ def info(
         is_result = _is_result(opened)
         duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
         if is_url(recording):  # all of a remote recording is not fetched for this
-            found = summary(opened, size, labels=False)
+            contents = summary(opened, size, labels=False)
         elif quick:
-            found = summary(opened, size)
+            contents = summary(opened, size)
         else:
             with progress(duration_s, "reading") as show:
-                found = examine(opened, size, show)
+                contents = examine(opened, size, show)
         marked = Counter(a.label.kind for a in annotations_to_show(opened, recording, print_stderr))
-        found = replace(found, annotations=dict(marked))
+        contents = replace(contents, annotations=dict(marked))
     if is_result:
-        found = replace(found, results=results_info(recording, scored=not quick))
+        contents = replace(contents, results=results_info(recording, scored=not quick))
     if json:
-        print_json(found)
-    elif found.results is not None:
-        _print_results(found, found.results, recording)
+        print_json(contents)
+    elif contents.results is not None:
+        _print_results(contents, contents.results, recording)
     else:
-        _print(found, recording)
+        _print(contents, recording)
 
 
 def _is_result(opened: Recording) -> bool:
@@ -86,14 +86,14 @@ def results_info(path: Path, *, scored: bool) -> ResultsInfo:
     from ..api.results import load_results
     from ..api.scores import numbers_of
 
-    found = load_results(path)
-    origin, config = found.decided.provenance, found.pipeline.config
-    kinds = Counter(type(event) for event in found.decided.events)
+    results = load_results(path)
+    origin, config = results.decided.provenance, results.pipeline.config
+    kinds = Counter(type(event) for event in results.decided.events)
     events = {EVENTS[kind].plural: n for kind, n in kinds.items() if kind in EVENTS}
     score: dict[str, float] = {}
-    if scored and found.decided.labels:
+    if scored and results.decided.labels:
         with suppress(RecordingError):  # there is truth, but none that the stages answer
-            parts = found.score().details.parts
+            parts = results.score().details.parts
             score = {f"{part}.{name}": value for part, name, value in numbers_of(parts)}
     return ResultsInfo(
         origin.recording,
@@ -117,64 +117,66 @@ HEADLINES = {
 }
 
 
-def _print_results(found: RecordingInfo, results: ResultsInfo, path: Path) -> None:
+def _print_results(contents: RecordingInfo, results: ResultsInfo, path: Path) -> None:
     """Print what results are of, by which pipeline, what they hold, and what to do with them."""
     print_line(
-        f"{found.recording}: results of {results.recording} by {results.pipeline}, "
-        f"{results.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB"
+        f"{contents.recording}: results of {results.recording} by {results.pipeline}, "
+        f"{results.duration_s:.3f} s, {contents.bytes / 1e6:.2f} MB"
     )
     for stage in results.stages:
         values = ", ".join(f"{name} {value}" for name, value in stage.parameters.items())
         print_line(f"stage {stage.name}: {stage.use}: {values}")
     events = ", ".join(f"{n} {name}" for name, n in results.events.items())
     print_line(f"found: {events or 'nothing'}")
-    if found.truth:
-        print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
-    said = [text.format(results.score[k]) for k, text in HEADLINES.items() if k in results.score]
-    if said:
-        print_line(f"score: {', '.join(said)}")
-    after = f"score {quoted(path)}" if found.truth else f"export {quoted(path)} -o tables"
+    if contents.truth:
+        print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in contents.truth.items()))
+    figures = [text.format(results.score[k]) for k, text in HEADLINES.items() if k in results.score]
+    if figures:
+        print_line(f"score: {', '.join(figures)}")
+    after = f"score {quoted(path)}" if contents.truth else f"export {quoted(path)} -o tables"
     print_line(f"next: groundtrace {after}")
 
 
-def _print(found: RecordingInfo, recording: Path) -> None:
-    when = f", began {found.start}" if found.start else ""
-    print_line(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
-    if found.source is not None:
-        print_line("source: " + "; ".join(found.source.values()))
-    rows = [stream_row(s) for s in found.streams]
+def _print(contents: RecordingInfo, recording: Path) -> None:
+    when = f", began {contents.start}" if contents.start else ""
+    print_line(
+        f"{contents.recording}: {contents.duration_s:.3f} s, {contents.bytes / 1e6:.2f} MB{when}"
+    )
+    if contents.source is not None:
+        print_line("source: " + "; ".join(contents.source.values()))
+    rows = [stream_row(s) for s in contents.streams]
     print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
-    print_guesses(found.streams)
-    for line in found.clocks:
+    print_guesses(contents.streams)
+    for line in contents.clocks:
         print_line(f"time: {line}")
-    for warning in found.unit_warnings:
+    for warning in contents.unit_warnings:
         print_line(f"unit: {warning}")
-    for check in found.axes:
+    for check in contents.axes:
         print_line(f"axes: {check.topic} against {check.against}: {check.text}")
-    print_faults(found.faults)
-    for other in found.others:
+    print_faults(contents.faults)
+    for other in contents.others:
         print_line(
             f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)"
         )
-    print_gaps(found.gaps)
-    if not found.signals_read:
+    print_gaps(contents.gaps)
+    if not contents.signals_read:
         print_line(
             "signals: not read, so nothing about gaps, units, faults (without --quick they are)"
         )
-    for damage in found.damage:
+    for damage in contents.damage:
         lost = lost_messages(damage.messages)
         print_line(f"damage: {lost}at byte {damage.offset}: {damage.reason}")
-    if found.truth:
-        print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
-    if found.annotations:
-        marks = ", ".join(f"{n} {kind}" for kind, n in found.annotations.items())
+    if contents.truth:
+        print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in contents.truth.items()))
+    if contents.annotations:
+        marks = ", ".join(f"{n} {kind}" for kind, n in contents.annotations.items())
         print_line(f"annotations: {marks} (groundtrace annotate lists them)")
-    if found.geometry is not None:
-        unit = "" if found.length_unit in (None, "m") else ", unit of length unknown"
+    if contents.geometry is not None:
+        unit = "" if contents.length_unit in (None, "m") else ", unit of length unknown"
         print_line(
-            "geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit
+            "geometry: " + ", ".join(f"{n} {kind}" for kind, n in contents.geometry.items()) + unit
         )
-    fitting = found.pipelines or [SIGNALS]
+    fitting = contents.pipelines or [SIGNALS]
     print_line(f"fitting pipelines: {', '.join(fitting)}")
     print_line(f"next: groundtrace replay {quoted(recording)} --pipeline {fitting[0]}")
 
@@ -187,15 +189,15 @@ def print_faults(faults: Sequence[FaultInfo]) -> None:
     """Print one line for each fault, of many channels alike the first few."""
     kinds = dict.fromkeys((fault.topic, fault.kind) for fault in faults)
     for kind in kinds:
-        alike = [fault for fault in faults if (fault.topic, fault.kind) == kind]
-        shown = alike if len(alike) <= MOST_LINES else alike[: MOST_LINES - 1]
+        same_kind = [fault for fault in faults if (fault.topic, fault.kind) == kind]
+        shown = same_kind if len(same_kind) <= MOST_LINES else same_kind[: MOST_LINES - 1]
         for fault in shown:
             where = " ".join(filter(None, (fault.topic, fault.channel)))
             print_line(
                 f"fault: {where}: {fault.what}, first at {fault.start_s:.3f} s: "
                 f"{fault.effect}; {fault.remedy}"
             )
-        rest = alike[len(shown) :]
+        rest = same_kind[len(shown) :]
         if rest:
             names = ", ".join(fault.channel for fault in rest)
             print_line(f"fault: {kind[0]}: {kind[1]} on {len(rest)} more channels: {names}")

@@ -79,23 +79,23 @@ def room(
     layout, remarks = layout_of(site, geometry.name, sigma_ms * 1e-3, theta_s)
     how = Settings(lattice, draws, seed, localizer)
     with progress(100.0, "analysing", "%") as show:
-        found = analyze_room(layout, remarks, how, lambda part: show(100.0 * part))
+        analysis = analyze_room(layout, remarks, how, lambda part: show(100.0 * part))
     if json:
-        print_json(report(found))
+        print_json(report(analysis))
     else:
-        _print_room(found)
+        _print_room(analysis)
     for remark in remarks:
         print_stderr(f"remark: {remark}")
-    _write(found, png, rrd, mark_of(timeline_id(geometry.name)), spawn=spawn)
+    _write(analysis, png, rrd, mark_of(timeline_id(geometry.name)), spawn=spawn)
 
 
-def _print_room(found: RoomAnalysis) -> None:
-    print_line(f"{found.layout.name}: {assumed(found.layout)}")
-    for line in findings(found):
+def _print_room(analysis: RoomAnalysis) -> None:
+    print_line(f"{analysis.layout.name}: {assumed(analysis.layout)}")
+    for line in findings(analysis):
         print_line(f"  {line}")
-    if found.contributions:
+    if analysis.contributions:
         print_line("\nmean error without each sensor, rise [m]")
-        _print_sensors(report(found))
+        _print_sensors(report(analysis))
 
 
 def _print_sensors(document: RoomReport) -> None:
@@ -108,15 +108,15 @@ def _print_sensors(document: RoomReport) -> None:
 
 
 def _write(
-    found: RoomAnalysis, png: Path | None, rrd: Path | None, mark: str, *, spawn: bool
+    analysis: RoomAnalysis, png: Path | None, rrd: Path | None, mark: str, *, spawn: bool
 ) -> None:
     if png is not None:
         from ..layout.report import save
 
-        save(found, png, mark)
+        save(analysis, png, mark)
         print_stderr(f"figure: {png}")
     if rrd is not None or spawn:
-        load("views", "room-analysis")(found, path=rrd, spawn=spawn)
+        load("views", "room-analysis")(analysis, path=rrd, spawn=spawn)
     if rrd is not None:
         print_stderr(f"maps: {rrd} (open it with: rerun {rrd})")
 
@@ -223,10 +223,10 @@ def calibrate(
         write_text(geometry_out, done.geometry.to_toml())
     if json:
         written = None if geometry_out is None else str(geometry_out)
-        document = msgspec.to_builtins(done.found)
+        document = msgspec.to_builtins(done.calibration)
         print_json({"recording": done.name} | document | {"geometry": written})
         return
-    _print_calibration(done.found)
+    _print_calibration(done.calibration)
     if geometry_out is not None:
         print_line(f"geometry: {geometry_out} (use it with: groundtrace replay --geometry)")
 
@@ -238,28 +238,31 @@ CALIBRATED = 0.03
 
 def _calibrate_lengths(source: Path, distance_m: float, pipeline: str, *, json: bool) -> None:
     """Tell the constants of step lengths by a walk of known distance."""
-    name, found = lengths_of(source, distance_m, pipeline, progress)
+    name, calibration = lengths_of(source, distance_m, pipeline, progress)
     if json:
-        print_json({"recording": name} | msgspec.to_builtins(found))
+        print_json({"recording": name} | msgspec.to_builtins(calibration))
         return
     print_line(
-        f"{name}: {found.steps} steps over {found.distance_m:g} m: {found.length_m:.3f} m each, "
-        f"{found.cadence_hz:.2f} a second, {found.speed_mps:.2f} m/s"
+        f"{name}: {calibration.steps} steps over {calibration.distance_m:g} m: "
+        f"{calibration.length_m:.3f} m each, "
+        f"{calibration.cadence_hz:.2f} a second, {calibration.speed_mps:.2f} m/s"
     )
     rows = [
         (
             one.model,
             f"{one.before_m:.1f}",
-            f"{100 * (one.before_m / found.distance_m - 1):+.1f} %",
+            f"{100 * (one.before_m / calibration.distance_m - 1):+.1f} %",
             ", ".join(f"{name} {value:.4g}" for name, value in one.constants.items()),
             f"{100 * one.spread:.1f} %",
         )
-        for one in found.models
+        for one in calibration.models
     ]
     print_table(("model", "by default [m]", "off", "calibrated", "scatter of steps"), rows)
-    told = " ".join(f"--set track.{n}={v:.4g}" for n, v in found.models[-1].constants.items())
-    told += f" --set track.scale_error={CALIBRATED:g}"
-    print_line(f"use it with: groundtrace replay REC.mcap --pipeline {pipeline} {told}")
+    settings = " ".join(
+        f"--set track.{n}={v:.4g}" for n, v in calibration.models[-1].constants.items()
+    )
+    settings += f" --set track.scale_error={CALIBRATED:g}"
+    print_line(f"use it with: groundtrace replay REC.mcap --pipeline {pipeline} {settings}")
 
 
 def _print_calibration(c: Calibration) -> None:

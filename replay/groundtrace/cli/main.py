@@ -316,18 +316,18 @@ def _run(arguments: Sequence[str] | None) -> int:
     except OSError as error:
         if error.filename is None:
             raise
-        said = f"{error.filename}: expected a file to use, found: {error.strerror}"
+        message = f"{error.filename}: expected a file to use, found: {error.strerror}"
         ended = ExitCode.ERROR
     except Exception as error:
         if not is_known(error):
             raise
-        said = str(error)
+        message = str(error)
         ended = ExitCode.USAGE if is_usage(error) else ExitCode.ERROR
     else:
         return ExitCode.DONE if code is None else ExitCode(code)
     from .console import print_stderr
 
-    for line in said.splitlines():
+    for line in message.splitlines():
         print_stderr(f"groundtrace: {line}")
     return ended
 

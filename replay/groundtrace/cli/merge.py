@@ -97,7 +97,7 @@ def merge(
     with ExitStack() as opened:
         recordings = [opened.enter_context(open_unreplayed(path)) for path in sources]
         if undo:
-            found: list[FoundClock] = []
+            clocks: list[FoundClock] = []
             merged = merge_files([unmerged(recordings)], out, (), force=force)
         else:
             offsets = settings("--offset", offset, keys, recordings)
@@ -106,13 +106,13 @@ def merge(
             given = Given(offsets, drifts, keys.by_file("--steps", steps or ()), pipelines)
             check_topics(parts_of(recordings, keys.names, renames, given))
             finder = ClockFinder(sources, recordings, given, force, print_stderr, progress)
-            found = finder.clocks(align)
-            parts = parts_of(recordings, keys.names, renames, given, found)
-            merged = merge_files(parts, out, clock_records(found, parts), force=force)
+            clocks = finder.clocks(align)
+            parts = parts_of(recordings, keys.names, renames, given, clocks)
+            merged = merge_files(parts, out, clock_records(clocks, parts), force=force)
     for path in sources:
         if sidecar_path(path).exists():
             print_stderr(f"annotations beside {path.name} are not in the merged file")
-    report(out, sources, found, merged, json=json)
+    report(out, sources, clocks, merged, json=json)
 
 
 #: Numbers of options are smaller than this.
@@ -162,13 +162,13 @@ class Keys:
 
     def by_file(self, option: str, values: Sequence[str]) -> dict[int, str]:
         """Return the values of an option FILE=VALUE by the file's number."""
-        found = {}
+        by_number = {}
         for text in values:
             key, equals, value = text.partition("=")
             if not (equals and value):
                 raise UsageError(f"{option}: expected FILE=VALUE, found {text!r}")
-            found[self.number(option, key)] = value
-        return found
+            by_number[self.number(option, key)] = value
+        return by_number
 
     def renames(
         self, rename: Sequence[str], prefix: Sequence[str], recordings: Sequence[Recording]
@@ -181,21 +181,21 @@ class Keys:
             Where an option names no file, or no topic of its file.
         """
         topics = [{c.topic for c in r.file.channels.values()} for r in recordings]
-        found: list[dict[str, str]] = [{} for _ in recordings]
+        new_topics: list[dict[str, str]] = [{} for _ in recordings]
         for number, start in self.by_file("--prefix", prefix).items():
             start = f"/{start.strip('/')}"
-            found[number] = {t: start + t for t in topics[number] - SHARED_TOPICS}
+            new_topics[number] = {t: start + t for t in topics[number] - SHARED_TOPICS}
         for text in rename:
-            place, equals, new = text.partition("=")
-            key, colon, topic = place.rpartition(":")
+            old, equals, new = text.partition("=")
+            key, colon, topic = old.rpartition(":")
             if not (equals and colon and new.startswith("/")):
                 raise UsageError(f"--rename: expected FILE:TOPIC=/TOPIC, found {text!r}")
             number = self.number("--rename", key)
             if topic not in topics[number]:
-                known = ", ".join(sorted(topics[number] - SHARED_TOPICS))
-                raise UsageError(f"--rename: expected a topic of {known}, found {topic!r}")
-            found[number][topic] = new
-        return found
+                names = ", ".join(sorted(topics[number] - SHARED_TOPICS))
+                raise UsageError(f"--rename: expected a topic of {names}, found {topic!r}")
+            new_topics[number][topic] = new
+        return new_topics
 
 
 def settings(
@@ -209,12 +209,12 @@ def settings(
         Where one names neither file nor topic, or its value is no number.
     """
     topics = {c.topic for r in recordings for c in r.file.channels.values()} - SHARED_TOPICS
-    found: dict[int | str, float] = {}
+    numbers: dict[int | str, float] = {}
     for text in values or ():
         key, _, number = text.rpartition("=")
         if key not in keys.keys and key not in topics:
-            known = ", ".join((*keys.names, *sorted(topics)))
-            raise UsageError(f"{option}: expected one of {known}, found {key!r} in {text!r}")
+            names = ", ".join((*keys.names, *sorted(topics)))
+            raise UsageError(f"{option}: expected one of {names}, found {key!r} in {text!r}")
         try:
             value = float(number)
         except ValueError:
@@ -223,12 +223,12 @@ def settings(
             raise UsageError(f"{option}: expected a number, found {number!r} in {text!r}")
         if option == "--drift" and abs(value) > 1e5:
             raise UsageError(f"--drift: expected at most 1e5 ppm, found {number!r} in {text!r}")
-        found[keys.keys.get(key, key)] = value
-    return found
+        numbers[keys.keys.get(key, key)] = value
+    return numbers
 
 
 def report(
-    out: Path, sources: Sequence[Path], found: Sequence[FoundClock], merged: Merged, *, json: bool
+    out: Path, sources: Sequence[Path], clocks: Sequence[FoundClock], merged: Merged, *, json: bool
 ) -> None:
     """Say what was merged, with which clocks, and what of it is not as it was."""
     size = out.stat().st_size
@@ -245,7 +245,7 @@ def report(
             {
                 "path": str(out),
                 "bytes": size,
-                "clocks": [_clock(each) for each in found],
+                "clocks": [_clock(each) for each in clocks],
                 "messages": merged.messages,
                 "conflicts": merged.conflicts,
                 "unmoved": merged.unmoved,
@@ -255,15 +255,15 @@ def report(
         return
     files = f"{len(sources)} files" if len(sources) != 1 else sources[0].name
     print_line(f"wrote {out}: {size / 1e6:.2f} MB out of {files}")
-    for each in found[1:] if len(found) > 1 else found:
-        for line in clock_lines(each.record, found[0].record.file, each.alignment):
+    for each in clocks[1:] if len(clocks) > 1 else clocks:
+        for line in clock_lines(each.record, clocks[0].record.file, each.alignment):
             print_line(line)
     print_table(("topic", "messages"), [(t, str(n)) for t, n in merged.messages.items()])
 
 
-def _clock(found: FoundClock) -> dict[str, object]:
+def _clock(clock: FoundClock) -> dict[str, object]:
     """Return the clock of one file, and the second best way to lay it over the first, as JSON."""
-    record, alignment = found.record, found.alignment
+    record, alignment = clock.record, clock.alignment
     other = None if alignment is None else alignment.second
     return {
         "file": record.file,
@@ -302,8 +302,8 @@ def clock_lines(record: MergedClock, first: str, alignment: Alignment | None) ->
         f"{best.sigma_s * 1e3:.1f} ms"
     )
     if not best.drift_fitted:
-        told = f"these {record.how} tell it to {best.drift_sigma_ppm:.0f} ppm only"
-        lines.append(f"  drift: taken as 0, {told}")
+        reason = f"these {record.how} tell it to {best.drift_sigma_ppm:.0f} ppm only"
+        lines.append(f"  drift: taken as 0, {reason}")
     if other is not None:
         lines.append(
             f"  second best: {other.ahead_s - best.ahead_s:+.3f} s from it, {other.matched} of "

@@ -53,12 +53,12 @@ def _settings(typed: CompletionContext) -> dict[str, str]:
     from ..pipeline.config import load_pipeline, named_pipelines
 
     named = typed.get("--pipeline")
-    known = _parameters()
+    parameters = _parameters()
     return {
         f"{stage.key}.{name}=": doc
         for each in (named and named.raw_tokens) or named_pipelines()
         for stage in load_pipeline(each).stage
-        for name, doc in known[stage.use].items()
+        for name, doc in parameters[stage.use].items()
     }
 
 
@@ -79,21 +79,21 @@ def _parameters() -> dict[str, dict[str, str]]:
     stages = plugins("stages")
     code = [path.stat().st_mtime_ns for path in Path(__file__).parents[1].rglob("*.py")]
     state = hashlib.sha256(repr((stages, sorted(code))).encode()).hexdigest()
-    kept = Path(platformdirs.user_cache_dir("groundtrace"), "parameters.json")
+    cache = Path(platformdirs.user_cache_dir("groundtrace"), "parameters.json")
     try:
-        before = json.loads(kept.read_text("utf-8"))
+        before = json.loads(cache.read_text("utf-8"))
         if before["state"] == state:
             return dict(before["stages"])
     except (OSError, ValueError, KeyError, TypeError):
         pass  # none is kept, or not a whole one: it is made anew
-    found = {
+    parameters = {
         stage.name: {each.name: each.doc for each in describe(stage_named(stage.name).Parameters)}
         for stage in stages
     }
     with suppress(OSError):  # a folder that nobody may write to costs time alone
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        kept.write_text(json.dumps({"state": state, "stages": found}), "utf-8")
-    return found
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        cache.write_text(json.dumps({"state": state, "stages": parameters}), "utf-8")
+    return parameters
 
 
 #: Of a switch that has no opposite, or a list that cannot be emptied.

@@ -82,8 +82,8 @@ def _installed(plugin: Plugin, parameters: bool) -> Installed:
 
     given = [EVENTS[each] for each in kind.gives]
     use = next((use for use, names in GIVEN.items() if given[0].name in names), "track")
-    known = list(describe(kind.Parameters)) if parameters else None
-    return Installed(use, plugin.name, [each.plural for each in given], *whose, known)
+    descriptions = list(describe(kind.Parameters)) if parameters else None
+    return Installed(use, plugin.name, [each.plural for each in given], *whose, descriptions)
 
 
 def _shown(value: bool | float | str) -> str:

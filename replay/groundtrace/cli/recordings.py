@@ -119,8 +119,8 @@ def _print_import(report: ImportReport) -> None:
     few = len(report.files) <= MOST_NAMES
     files = ", ".join(report.files) if few else f"{len(report.files)} files"
     streams = counted(len(report.samples), "stream")
-    said = f"{streams}, {report.duration_s:.3f} s"
-    print_line(f"imported {files} ({report.importer}) into {report.path}: {said}")
+    extent = f"{streams}, {report.duration_s:.3f} s"
+    print_line(f"imported {files} ({report.importer}) into {report.path}: {extent}")
     for topic, samples in report.samples.items():
         print_line(f"  {topic}: {counted(samples, 'sample')}")
     if report.sensors:
@@ -142,9 +142,9 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
     check_needs_map(table)
     written = out or table.with_name(f"{table.name}.map.toml")
     writable(written, force=force, sources=sources)
-    found = guess_map(table)
-    write_text(written, found.toml)
-    for remark in found.remarks:
+    guessed_map = guess_map(table)
+    write_text(written, guessed_map.toml)
+    for remark in guessed_map.remarks:
         print_line(remark_line(remark))
     print_line(
         f"wrote {written}: check it, then: groundtrace import {table} --map {written} -o OUT.mcap"
@@ -189,8 +189,8 @@ def cut_(
     """
     recording = named_recording(recording)
     writable(out, force=force, sources=[recording])
-    found = cut_span(recording, out, from_ or 0.0, to, force=force)
-    return _report(recording, out, found, json=json)
+    copied = cut_span(recording, out, from_ or 0.0, to, force=force)
+    return _report(recording, out, copied, json=json)
 
 
 def filter_(
@@ -221,8 +221,8 @@ def filter_(
         raise UsageError("filter: expected --topic or --without, found neither")
     recording = named_recording(recording)
     writable(out, force=force, sources=[recording])
-    found = filter_topics(recording, out, topic or (), without or (), force=force)
-    return _report(recording, out, found, json=json)
+    copied = filter_topics(recording, out, topic or (), without or (), force=force)
+    return _report(recording, out, copied, json=json)
 
 
 def convert(
@@ -254,7 +254,7 @@ def convert(
     recording = named_recording(recording)
     writable(out, force=force, sources=[recording])
     with progress(None, "copying", quiet=quiet) as show:
-        found = convert_file(
+        copied = convert_file(
             recording,
             out,
             compression=compression,
@@ -263,15 +263,15 @@ def convert(
             force=force,
             progress=show,
         )
-    return _report(recording, out, found, json=json)
+    return _report(recording, out, copied, json=json)
 
 
-def _report(source: Path, out: Path, found: Copied, *, json: bool) -> ExitCode:
+def _report(source: Path, out: Path, copied: Copied, *, json: bool) -> ExitCode:
     """Say what is in the copy, and what of the source is not; return how the command ends."""
-    ended = ExitCode.of(losses=bool(found.damage or found.faults))
-    for damage in found.damage:
+    ended = ExitCode.of(losses=bool(copied.damage or copied.faults))
+    for damage in copied.damage:
         print_stderr(f"warning: {source.name}: {damage_text(damage)}")
-    for fault in found.faults:
+    for fault in copied.faults:
         print_stderr(f"warning: {fault}; it is not in the copy")
     if sidecar_path(source).exists():
         print_stderr(
@@ -280,23 +280,23 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> ExitCode:
         )
     size, source_size = out.stat().st_size, source.stat().st_size
     if json:
-        lost = [damage.messages for damage in found.damage]
+        lost = [damage.messages for damage in copied.damage]
         print_json(
             {
                 "path": str(out),
                 "source": source.name,
                 "bytes": size,
                 "source_bytes": source_size,
-                "messages": found.messages,
-                "left": found.left,
-                "damage": [*(damage.reason for damage in found.damage), *found.faults],
+                "messages": copied.messages,
+                "left": copied.left,
+                "damage": [*(damage.reason for damage in copied.damage), *copied.faults],
                 "lost": None if None in lost else sum(filter(None, lost)),
             }
         )
         return ended
     print_line(f"wrote {out}: {size / 1e6:.2f} MB out of {source_size / 1e6:.2f} MB")
-    topics = dict.fromkeys((*found.messages, *found.left))
-    rows = [(t, str(found.messages.get(t, 0)), str(found.left.get(t, 0))) for t in topics]
+    topics = dict.fromkeys((*copied.messages, *copied.left))
+    rows = [(t, str(copied.messages.get(t, 0)), str(copied.left.get(t, 0))) for t in topics]
     print_table(("topic", "messages", "left out"), rows)
     return ended
 

@@ -182,9 +182,9 @@ def replay(
     site = (
         None if geometry is None else Geometry.from_toml(existing_file(geometry, "a geometry TOML"))
     )
-    with ExitStack() as held:
-        live = held.enter_context(_followed(path)) if follow else None
-        opened = live.head if live else held.enter_context(Recording.open(path, strict=strict))
+    with ExitStack() as stack:
+        live = stack.enter_context(_followed(path)) if follow else None
+        opened = live.head if live else stack.enter_context(Recording.open(path, strict=strict))
         path = _PIPED if path == STANDARD_INPUT else path
         opened.geometry = site or opened.geometry
         ready = configured_for(opened, asked, settings)
@@ -198,7 +198,7 @@ def replay(
         spawn, rrd = _where_to_show(origin, results, rrd, force=force, **viewer)
         plan = PlannedReplay.of(opened, path, ready, from_, to, print_stderr, live)
         if computed is not None and not opened.file.remote:
-            plan = replace(plan, hashed=held.enter_context(_hashing(opened)))
+            plan = replace(plan, hashed=stack.enter_context(_hashing(opened)))
         provenance = plan.provenance(public_arguments(sys.argv[1:]))
         sinks: list[Sink] = [ResultsSink(results, provenance, force=True)]
         if at_miss is None and (rrd is not None or spawn or web):
@@ -369,7 +369,7 @@ def report(
         As one JSON document.
     """
     counts = counts_of(tally)
-    warnings = tally.warnings.told(session.start_ns)
+    warnings = tally.warnings.summary(session.start_ns)
     if json:
         print_json(
             {
@@ -405,5 +405,5 @@ def _print_report(
     signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
     print_line(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
     one = {kind.plural: kind.name for kind in EVENTS.values()} | {"candidates": "candidate"}
-    told = [counted(count, one[name], name) for name, count in counts.items() if count]
-    print_line(", ".join(told) or "no events")
+    event_counts = [counted(count, one[name], name) for name, count in counts.items() if count]
+    print_line(", ".join(event_counts) or "no events")

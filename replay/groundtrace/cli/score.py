@@ -64,16 +64,18 @@ def score(
         sources = [results, *([truth] if truth is not None else [])]
         writable(html, force=force, sources=sources, of=lambda: provenance_of(results))
     result = read_results(results, blocks=html is not None)
-    known = scored_truth_of(result, result.provenance.beside(results), truth, author, print_stderr)
+    scored_truth = scored_truth_of(
+        result, result.provenance.beside(results), truth, author, print_stderr
+    )
     stages = tuple(stage or ())
-    figures = scored(result, known, tolerance, stages)
+    figures = scored(result, scored_truth, tolerance, stages)
     if html is not None:
         from ..evaluation.score_page import score_page
 
-        page = score_page(result, known, figures, tolerance, stages)
+        page = score_page(result, scored_truth, figures, tolerance, stages)
         write_text(html, page)
     if json:
-        print_json(score_document(figures, known, result.warnings))
+        print_json(score_document(figures, scored_truth, result.warnings))
     else:
         print_warnings(result.warnings)
         _print_score(figures, "m" if result.geometry is None else result.geometry.length_unit)

@@ -56,10 +56,10 @@ def share(
         raise UsageError(f"{out}: expected a name that ends in .{form}, found {out.name}")
     existing_file(results, "results")
     timeline = None if rrd is None else existing_file(rrd, "a viewer's file")
-    found = recording_of(results, recording, print_stderr)
+    recording_path = recording_of(results, recording, print_stderr)
     write = load("views", "share")
     options = {"light": light, "force": force, "report": print_stderr}
-    write(results, out, form=form, recording=found, rrd=timeline, **options)
+    write(results, out, form=form, recording=recording_path, rrd=timeline, **options)
     files = [path for path in out.rglob("*") if path.is_file()] if form == "folder" else [out]
     size = sum(path.stat().st_size for path in files)
     warnings = read_results(results, blocks=False).warnings

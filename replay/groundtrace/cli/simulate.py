@@ -306,8 +306,8 @@ def store(simulation: Simulation, out: Path, *, force: bool, json: bool) -> None
     if json:
         print_json({"path": str(out), "truth": truth})
     else:
-        told = ", ".join(f"{count} {kind}" for kind, count in truth.items())
-        print_line(f"wrote {out}: {told}")
+        truth_text = ", ".join(f"{count} {kind}" for kind, count in truth.items())
+        print_line(f"wrote {out}: {truth_text}")
 
 
 def vehicle(
@@ -435,7 +435,7 @@ def vehicle(
         offset_m=offset_m,
         heading_deg=heading_deg,
         radius_m=radius_m,
-        waypoints=tuple(_place(text) for text in waypoints.split()),
+        waypoints=tuple(_position(text) for text in waypoints.split()),
         velocity_mps=velocity_mps,
         exponent=exponent,
         loss_spm=loss_spm,
@@ -455,7 +455,7 @@ def vehicle(
     store(simulate_vehicle(options), out, force=force, json=json)
 
 
-def _place(text: str) -> tuple[float, float]:
+def _position(text: str) -> tuple[float, float]:
     return _pair("--waypoints", text, ",", "-100,5 20,5")
 
 

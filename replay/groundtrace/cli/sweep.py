@@ -167,7 +167,7 @@ def _print_front(r: Ranking) -> None:
     print_table(("missed", "false", "F1", "settings", *names), rows)
 
 
-def _print_left_out(found: LeaveOneOut) -> None:
+def _print_left_out(left_out: LeaveOneOut) -> None:
     print_line("\nleft out: each recording under what is best on the others")
     rows = [
         (
@@ -179,11 +179,11 @@ def _print_left_out(found: LeaveOneOut) -> None:
             f"{x.f1:.3f}",
             f"{x.in_sample_f1:.3f}",
         )
-        for x in found.recordings
+        for x in left_out.recordings
     ]
-    names = list(found.recordings[0].settings)
-    mean = ("mean", *("" for _ in names), "", "", "", f"{found.mean_f1:.3f}")
-    rows.append((*mean, f"{found.mean_in_sample_f1:.3f}"))
+    names = list(left_out.recordings[0].settings)
+    mean = ("mean", *("" for _ in names), "", "", "", f"{left_out.mean_f1:.3f}")
+    rows.append((*mean, f"{left_out.mean_in_sample_f1:.3f}"))
     print_table(("recording", *names, "TP", "FP", "FN", "F1", "F1 of its own best"), rows)
 
 

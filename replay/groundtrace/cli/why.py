@@ -107,20 +107,20 @@ def why(
     evidence = _evidence(results, truth, recording or [])
     if not json:
         print_warnings(evidence.warnings)
-    found = explained(evidence, results.name, asked)
-    if isinstance(found.details, StepExplanation):
+    answer = explained(evidence, results.name, asked)
+    if isinstance(answer.details, StepExplanation):
         for at_s in evidence.clock_steps_s:
             print_stderr(
                 f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact"
             )
     if json:
-        print_json(found.details, evidence.warnings)
+        print_json(answer.details, evidence.warnings)
     else:
-        print_answer(found)
+        print_answer(answer)
     if rrd is not None or spawn:
         show = load("views", "why")
-        page = answer_page(found)
-        show(evidence, page, path=rrd, spawn=spawn, at_ns=found.time_ns, tolerance_s=tolerance)
+        page = answer_page(answer)
+        show(evidence, page, path=rrd, spawn=spawn, at_ns=answer.time_ns, tolerance_s=tolerance)
     if rrd is not None:
         print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
 
@@ -132,97 +132,97 @@ def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> 
     return evidence_with(result, truth_beside(result, results, truth, print_stderr), places)
 
 
-def print_answer(found: Answer) -> None:
+def print_answer(answer: Answer) -> None:
     """Print what was found, for people."""
-    match found.details:
+    match answer.details:
         case StepExplanation():
-            print_account(found.details)
+            print_account(answer.details)
         case Moment():
-            print_moment(found.details)
-            if found.sought:
-                print_line(f"\nsmallest change: {remedy_text(found.remedy)}")
+            print_moment(answer.details)
+            if answer.sought:
+                print_line(f"\nsmallest change: {remedy_text(answer.remedy)}")
         case PickAccount():
-            print_picks(found.details)
+            print_picks(answer.details)
         case PickMoment():
-            print_pick(found.details)
+            print_pick(answer.details)
         case PlaceAccount():
-            print_places(found.details)
+            print_places(answer.details)
         case FixMoment():
-            print_place(found.details, found.reference)
+            print_place(answer.details, answer.reference)
         case VehicleAccount():
-            print_vehicles(found.details)
+            print_vehicles(answer.details)
         case VehicleMoment():
-            print_vehicle_moment(found.details)
+            print_vehicle_moment(answer.details)
 
 
-def answer_page(found: Answer) -> str:
+def answer_page(answer: Answer) -> str:
     """Return the page that a viewer's file has of it."""
-    match found.details:
+    match answer.details:
         case StepExplanation():
-            return account_page(found.details)
+            return account_page(answer.details)
         case Moment():
-            title = "" if found.step is None else f"step {found.step}"
-            return moment_page(found.details, title, found.remedy)
+            title = "" if answer.step is None else f"step {answer.step}"
+            return moment_page(answer.details, title, answer.remedy)
         case PickAccount():
-            return picks_page(found.details)
+            return picks_page(answer.details)
         case PickMoment():
-            return f"# picks at {found.details.time_s:.3f} s\n"
+            return f"# picks at {answer.details.time_s:.3f} s\n"
         case PlaceAccount():
-            return places_page(found.details)
+            return places_page(answer.details)
         case FixMoment():
-            return place_page(found.details)
+            return place_page(answer.details)
         case VehicleAccount():
-            return vehicles_page(found.details)
+            return vehicles_page(answer.details)
         case VehicleMoment():
-            return f"# vehicles at {found.details.time_s:.3f} s\n"
+            return f"# vehicles at {answer.details.time_s:.3f} s\n"
 
 
 PICK_HEADER = ("pick", "time [s]", "channel", "", "off [ms]", "cause", "why")
 
 
-def print_pick(found: PickMoment) -> None:
+def print_pick(moment: PickMoment) -> None:
     """Print a bad pick, or a moment, with the candidates about it."""
-    if found.bad is not None:
-        print_table(PICK_HEADER, _picks_rows([found.bad]))
+    if moment.bad is not None:
+        print_table(PICK_HEADER, _picks_rows([moment.bad]))
     else:
-        print_line(f"{found.time_s:.3f} s: {len(found.chain)} candidates for picks")
-    for link in found.chain:
+        print_line(f"{moment.time_s:.3f} s: {len(moment.chain)} candidates for picks")
+    for link in moment.chain:
         print_link(link)
 
 
-def print_picks(found: PickAccount) -> None:
+def print_picks(account: PickAccount) -> None:
     """Print the figures, the channels with bad picks, and the bad picks."""
-    print_line(_picks_headline(found))
-    if found.causes:
-        causes = sorted(found.causes.items(), key=lambda item: -item[1])
+    print_line(_picks_headline(account))
+    if account.causes:
+        causes = sorted(account.causes.items(), key=lambda item: -item[1])
         print_line("causes: " + ", ".join(f"{n} {cause}" for cause, n in causes))
-    wrong = [c for c in found.channels if sum(_counts(c)[1:])]
+    wrong = [c for c in account.channels if sum(_counts(c)[1:])]
     if wrong:
         print_line("\nchannels")
         header = ("channel", "right", "late", "early", "missed", "false", "median off [ms]", "")
         print_table(header, [_channel_row(c) for c in wrong])
-    if found.bad:
+    if account.bad:
         print_line("\npicks")
-        print_table(PICK_HEADER, _picks_rows(found.bad))
+        print_table(PICK_HEADER, _picks_rows(account.bad))
 
 
-def _picks_headline(found: PickAccount) -> str:
-    c = found.counts
+def _picks_headline(account: PickAccount) -> str:
+    c = account.counts
     return (
-        f"{found.recording}: {found.stage}: {c.right} right to {found.tolerance_ms:g} ms, "
+        f"{account.recording}: {account.stage}: {c.right} right to {account.tolerance_ms:g} ms, "
         f"{c.late} late, {c.early} early, {c.missed} missed, {c.false} false"
     )
 
 
-def _counts(found: ChannelPicks) -> tuple[int, ...]:
-    c = found.counts
+def _counts(picks: ChannelPicks) -> tuple[int, ...]:
+    c = picks.counts
     return (c.right, c.late, c.early, c.missed, c.false)
 
 
-def _channel_row(found: ChannelPicks) -> tuple[str, ...]:
-    whose = "its clock" if found.clock else "the picker's latency"
-    note = f"by nearly the same time: {whose}" if found.clock or found.latency else ""
-    return (found.channel, *map(str, _counts(found)), _picks_number(found.median_ms), note)
+def _channel_row(picks: ChannelPicks) -> tuple[str, ...]:
+    whose = "its clock" if picks.clock else "the picker's latency"
+    note = f"by nearly the same time: {whose}" if picks.clock or picks.latency else ""
+    return (picks.channel, *map(str, _counts(picks)), _picks_number(picks.median_ms), note)
 
 
 def _picks_rows(bad: Sequence[BadPick]) -> list[tuple[str, ...]]:
@@ -249,11 +249,11 @@ def _picks_number(value: float) -> str:
     return f"{value:+.2f}" if np.isfinite(value) else "-"
 
 
-def picks_page(found: PickAccount) -> str:
+def picks_page(account: PickAccount) -> str:
     """Return the page about all picks."""
-    lines = [f"# {found.recording}", "", _picks_headline(found), ""]
-    if found.bad:
-        lines += page_table(PICK_HEADER, _picks_rows(found.bad))
+    lines = [f"# {account.recording}", "", _picks_headline(account), ""]
+    if account.bad:
+        lines += page_table(PICK_HEADER, _picks_rows(account.bad))
     return "\n".join(lines) + "\n"
 
 
@@ -261,35 +261,35 @@ FIX_HEADER = ("fix", "time [s]", "off [m]", "cause", "misfit", "why", "smallest 
 AGAINST = {"truth": "the truth", "track": "the track (no true places)", "none": "nothing known"}
 
 
-def print_places(found: PlaceAccount) -> None:
+def print_places(account: PlaceAccount) -> None:
     """Print the figures, the wrong sensors and the bad places."""
-    print_line(_places_headline(found))
-    if found.undetected:
-        print_line(f"{found.undetected} true steps were not detected; see --kind steps")
-    if found.causes:
-        causes = sorted(found.causes.items(), key=lambda item: -item[1])
+    print_line(_places_headline(account))
+    if account.undetected:
+        print_line(f"{account.undetected} true steps were not detected; see --kind steps")
+    if account.causes:
+        causes = sorted(account.causes.items(), key=lambda item: -item[1])
         print_line("causes of bad places: " + ", ".join(f"{n} {cause}" for cause, n in causes))
-    if found.sensors:
+    if account.sensors:
         print_line("\nsensors")
-        rows = [_sensor_row(s, found.reference) for s in found.sensors]
+        rows = [_sensor_row(s, account.reference) for s in account.sensors]
         print_table(("sensor", "cause", "why", "change", "what it does"), rows)
-    if found.bad:
+    if account.bad:
         print_line("\nplaces")
         print_line(
             "misfit: what a cause leaves unexplained of the arrivals; the next best beside it"
         )
-        print_table(FIX_HEADER, _fix_rows(found.bad, found.reference))
+        print_table(FIX_HEADER, _fix_rows(account.bad, account.reference))
 
 
-def _places_headline(found: PlaceAccount) -> str:
-    f = found.figures
+def _places_headline(account: PlaceAccount) -> str:
+    f = account.figures
     counts = (
-        f"{f.right} right, {f.far} more than {found.tolerance_m:g} m off, {f.rejected} rejected, "
+        f"{f.right} right, {f.far} more than {account.tolerance_m:g} m off, {f.rejected} rejected, "
         f"{f.missing} without a place"
     )
     rmse = f"RMSE {f.rmse_m:.2f} m" if np.isfinite(f.rmse_m) else "errors unknown"
-    against = f"{rmse} against {AGAINST[found.reference]}"
-    return f"{found.recording}: places of {found.stage}: {counts}; {against}"
+    against = f"{rmse} against {AGAINST[account.reference]}"
+    return f"{account.recording}: places of {account.stage}: {counts}; {against}"
 
 
 def _sensor_row(s: SensorFault, reference: str) -> tuple[str, ...]:
@@ -347,10 +347,10 @@ def _same(fix: FixAccount) -> tuple[str, str, str]:
 
 def _closest(causes: Sequence[PlaceCause]) -> str:
     """Return the misfit of a cause and of its rival, where they are closest."""
-    known = [c for c in causes if np.isfinite(c.misfit)]
-    if not known:
+    with_misfit = [c for c in causes if np.isfinite(c.misfit)]
+    if not with_misfit:
         return "-"
-    c = min(known, key=lambda c: np.nan_to_num(c.rival_misfit - c.misfit, nan=np.inf))
+    c = min(with_misfit, key=lambda c: np.nan_to_num(c.rival_misfit - c.misfit, nan=np.inf))
     beside = f", {c.rival} {c.rival_misfit:.1f}" if c.rival else ""
     return f"{c.misfit:.1f}{beside}"
 
@@ -372,17 +372,17 @@ def _remedy(remedy: PlaceRemedy | None, change: str, reference: str, *, alone: b
     return f"{change}{to}: {_effect(remedy.before, remedy.after, reference)}"
 
 
-def print_place(found: FixMoment, reference: str) -> None:
+def print_place(moment: FixMoment, reference: str) -> None:
     """Print everything about one place."""
-    print_line(_place_line(found.fix))
-    cause = found.fix.cause
+    print_line(_place_line(moment.fix))
+    cause = moment.fix.cause
     if cause is not None:
         print_line(f"{cause.cause}: {cause.text}")
         if np.isfinite(cause.misfit):
             print_line(f"misfit: {_closest([cause])}")
         change = cause.remedy.change if cause.remedy is not None else ""
         print_line(f"smallest change: {_remedy(cause.remedy, change, reference, alone=True)}")
-    for r in found.fix.readings:
+    for r in moment.fix.readings:
         verdict = "pass" if r.passed else "FAIL"
         unit = unit_after(r.unit)
         print_line(
@@ -391,10 +391,10 @@ def print_place(found: FixMoment, reference: str) -> None:
         )
     print_line()
     header = ("channel", "arrival [ms]", "off [ms]", "without it: off [m]", "residual", "")
-    print_table(header, _channel_rows(found))
+    print_table(header, _channel_rows(moment))
 
 
-def _channel_rows(found: FixMoment) -> list[tuple[str, ...]]:
+def _channel_rows(moment: FixMoment) -> list[tuple[str, ...]]:
     return [
         (
             c.channel,
@@ -404,7 +404,7 @@ def _channel_rows(found: FixMoment) -> list[tuple[str, ...]]:
             _places_number(c.residual_without, ".3g"),
             c.text,
         )
-        for c in found.channels
+        for c in moment.channels
     ]
 
 
@@ -413,28 +413,28 @@ def _places_number(value: float, form: str) -> str:
 
 
 def _place_line(fix: FixAccount) -> str:
-    place = f"({fix.x_m:.2f}, {fix.y_m:.2f}) m" if np.isfinite(fix.x_m) else "nowhere"
+    position = f"({fix.x_m:.2f}, {fix.y_m:.2f}) m" if np.isfinite(fix.x_m) else "nowhere"
     off = f", {fix.error_m:.2f} m off" if np.isfinite(fix.error_m) else ""
-    return f"fix {fix.fix} at {fix.time_s:.3f} s: {fix.state}: placed {place}{off}"
+    return f"fix {fix.fix} at {fix.time_s:.3f} s: {fix.state}: placed {position}{off}"
 
 
-def places_page(found: PlaceAccount) -> str:
+def places_page(account: PlaceAccount) -> str:
     """Return the page about all places."""
-    lines = [f"# {found.recording}", "", _places_headline(found), ""]
-    lines += [f"* {s.channel}, {s.cause}: {s.text}" for s in found.sensors]
-    if found.bad:
-        rows = [row[: len(FIX_HEADER) - 1] for row in _fix_rows(found.bad, found.reference)]
+    lines = [f"# {account.recording}", "", _places_headline(account), ""]
+    lines += [f"* {s.channel}, {s.cause}: {s.text}" for s in account.sensors]
+    if account.bad:
+        rows = [row[: len(FIX_HEADER) - 1] for row in _fix_rows(account.bad, account.reference)]
         lines += ["", *page_table(FIX_HEADER[:-1], rows)]
     return "\n".join(lines) + "\n"
 
 
-def place_page(found: FixMoment) -> str:
+def place_page(moment: FixMoment) -> str:
     """Return the page about one place."""
-    lines = [f"# fix {found.fix.fix}", "", _place_line(found.fix), ""]
-    if found.fix.cause is not None:
-        lines += [f"**{found.fix.cause.cause}**: {found.fix.cause.text}", ""]
+    lines = [f"# fix {moment.fix.fix}", "", _place_line(moment.fix), ""]
+    if moment.fix.cause is not None:
+        lines += [f"**{moment.fix.cause.cause}**: {moment.fix.cause.text}", ""]
     header = ("channel", "arrival [ms]", "off [ms]", "off without it [m]", "residual", "")
-    lines += page_table(header, _channel_rows(found))
+    lines += page_table(header, _channel_rows(moment))
     return "\n".join(lines) + "\n"
 
 
@@ -444,14 +444,14 @@ WRITTEN = 4
 
 def spans(numbers: Sequence[int]) -> str:
     """Return rising numbers as spans, e.g. ``1-7, 13``; of many spans only the first."""
-    found: list[tuple[int, int]] = []
+    ranges: list[tuple[int, int]] = []
     for number in numbers:
-        if found and number == found[-1][1] + 1:
-            found[-1] = (found[-1][0], number)
+        if ranges and number == ranges[-1][1] + 1:
+            ranges[-1] = (ranges[-1][0], number)
         else:
-            found.append((number, number))
-    texts = [str(a) if a == b else f"{a}-{b}" for a, b in found[:WRITTEN]]
-    left = sum(b - a + 1 for a, b in found[WRITTEN:])
+            ranges.append((number, number))
+    texts = [str(a) if a == b else f"{a}-{b}" for a, b in ranges[:WRITTEN]]
+    left = sum(b - a + 1 for a, b in ranges[WRITTEN:])
     return ", ".join(texts) + (f" and {left} more" if left else "")
 
 
@@ -461,57 +461,59 @@ def first_to_last(times_s: Sequence[float]) -> str:
     return text if len(times_s) == 1 else f"{text}-{times_s[-1]:.3f}"
 
 
-def print_account(found: StepExplanation) -> None:
+def print_account(explanation: StepExplanation) -> None:
     """Print every missed and false step, and how many picks and places are bad."""
-    counts = found.counts
-    print_line(f"{found.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
-    if found.shift is not None:
-        s = found.shift
+    counts = explanation.counts
+    print_line(f"{explanation.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
+    if explanation.shift is not None:
+        s = explanation.shift
         print_line(
             f"one shift mends {s.mends} of {s.pairs} steps that were found at the wrong time: all "
             f"detections {s.late_ms:+.0f} ms from the truth; without that {s.right} would be "
             f"right; see also --tolerance"
         )
-    if found.causes:
-        causes = sorted(found.causes.items(), key=lambda item: -item[1])
+    if explanation.causes:
+        causes = sorted(explanation.causes.items(), key=lambda item: -item[1])
         print_line("causes of misses: " + ", ".join(f"{n} {cause}" for cause, n in causes))
     for noun, mended, wrong in (
-        ("misses", found.mended_missed, found.missed),
-        ("false steps", found.mended_false, found.false),
+        ("misses", explanation.mended_missed, explanation.missed),
+        ("false steps", explanation.mended_false, explanation.false),
     ):
-        if wrong and not found.untried:
+        if wrong and not explanation.untried:
             print_line(
                 f"remedies of {noun}: {mended.one} one change, {mended.two} a pair of changes, "
                 f"{mended.none} none"
             )
-    if found.untried and (found.missed or found.false):
-        print_line(f"remedies: none sought; {_untried_text(found.untried)}")
-    if found.bad_fixes:
-        print_line(f"places: {found.bad_fixes} far off, rejected or missing; see --kind fixes")
-    if found.bad_picks:
-        print_line(f"picks: {found.bad_picks} late, early or missed; see --kind picks")
-    if found.missed:
+    if explanation.untried and (explanation.missed or explanation.false):
+        print_line(f"remedies: none sought; {_untried_text(explanation.untried)}")
+    if explanation.bad_fixes:
+        print_line(
+            f"places: {explanation.bad_fixes} far off, rejected or missing; see --kind fixes"
+        )
+    if explanation.bad_picks:
+        print_line(f"picks: {explanation.bad_picks} late, early or missed; see --kind picks")
+    if explanation.missed:
         print_line("\nmissed")
         header = ("step", "time [s]", "candidate", "cause", "why", "smallest change")
-        print_table(header, [_missed_row(m, found) for m in found.missed])
-    if found.false:
+        print_table(header, [_missed_row(m, explanation) for m in explanation.missed])
+    if explanation.false:
         print_line("\nfalse")
-        rows = [_false_row(f, found) for f in found.false]
+        rows = [_false_row(f, explanation) for f in explanation.false]
         print_table(("time [s]", "what it is", "narrowest gate", "smallest change"), rows)
 
 
-def _missed_row(m: Missed, found: StepExplanation) -> tuple[str, ...]:
+def _missed_row(m: Missed, explanation: StepExplanation) -> tuple[str, ...]:
     near = m.reason.candidate_s
     candidate = "none" if near is None else f"{(near - m.time_s) * 1e3:+.0f} ms"
     cause, text = m.reason.cause, m.reason.text
     if m.pair is not None:
-        scored = {f.time_s for f in found.false}
+        scored = {f.time_s for f in explanation.false}
         outside = "" if m.pair.found_s in scored else ", outside what is scored"
         text = f"{text} (the step found at {m.pair.found_s:.3f} s{outside})"
-    return (str(m.step), f"{m.time_s:.3f}", candidate, cause, text, _change_text(m, found))
+    return (str(m.step), f"{m.time_s:.3f}", candidate, cause, text, _change_text(m, explanation))
 
 
-def _false_row(f: FalseDetection, found: StepExplanation) -> tuple[str, ...]:
+def _false_row(f: FalseDetection, explanation: StepExplanation) -> tuple[str, ...]:
     gate = f.narrowest
     text = (
         "-"
@@ -519,16 +521,16 @@ def _false_row(f: FalseDetection, found: StepExplanation) -> tuple[str, ...]:
         else f"{gate.gate} {readable(gate.value)} over {readable(gate.threshold)}"
     )
     answers = "-" if f.pair is None else f.pair.text
-    return (f"{f.time_s:.3f}", answers, text, _change_text(f, found))
+    return (f"{f.time_s:.3f}", answers, text, _change_text(f, explanation))
 
 
-def _change_text(wrong: Missed | FalseDetection, found: StepExplanation) -> str:
+def _change_text(wrong: Missed | FalseDetection, explanation: StepExplanation) -> str:
     """Return what mends a wrong decision; the one shift of all where that is what does it."""
-    if wrong.remedy is None and wrong.pair is not None and found.shift is not None:
-        left_ms = wrong.pair.late_ms - found.shift.late_ms
-        if abs(left_ms) <= found.tolerance_s * 1e3:
-            return f"the shift of all detections ({found.shift.late_ms:+.0f} ms)"
-    return "-" if found.untried else remedy_text(wrong.remedy)
+    if wrong.remedy is None and wrong.pair is not None and explanation.shift is not None:
+        left_ms = wrong.pair.late_ms - explanation.shift.late_ms
+        if abs(left_ms) <= explanation.tolerance_s * 1e3:
+            return f"the shift of all detections ({explanation.shift.late_ms:+.0f} ms)"
+    return "-" if explanation.untried else remedy_text(wrong.remedy)
 
 
 def _untried_text(stage: str) -> str:
@@ -546,15 +548,19 @@ def remedy_text(remedy: Remedy | None) -> str:
     )
 
 
-def print_moment(found: Moment) -> None:
+def print_moment(moment: Moment) -> None:
     """Print every candidate about a moment."""
-    if found.reason is None:
-        answers = "" if found.pair is None else f" at {found.pair.found_s:.3f} s: {found.pair.text}"
-        print_line(f"{found.time_s:.3f} s: a step was accepted{answers}")
+    if moment.reason is None:
+        answers = (
+            "" if moment.pair is None else f" at {moment.pair.found_s:.3f} s: {moment.pair.text}"
+        )
+        print_line(f"{moment.time_s:.3f} s: a step was accepted{answers}")
     else:
-        at = "" if found.pair is None else f" (the step found at {found.pair.found_s:.3f} s)"
-        print_line(f"{found.time_s:.3f} s: no step ({found.reason.cause}): {found.reason.text}{at}")
-    for link in found.chain:
+        at = "" if moment.pair is None else f" (the step found at {moment.pair.found_s:.3f} s)"
+        print_line(
+            f"{moment.time_s:.3f} s: no step ({moment.reason.cause}): {moment.reason.text}{at}"
+        )
+    for link in moment.chain:
         print_link(link)
 
 
@@ -579,33 +585,33 @@ def print_link(link: Chain) -> None:
 VEHICLE_HEADER = ("time [s]", "vehicle", "station", "", "stage", "why", "one setting that mends it")
 
 
-def print_vehicles(found: VehicleAccount) -> None:
+def print_vehicles(account: VehicleAccount) -> None:
     """Print how many are right, and the reasons of those that are not."""
-    print_line(_vehicles_headline(found))
-    if found.reasons:
-        print_table(VEHICLE_HEADER, _vehicles_rows(found))
+    print_line(_vehicles_headline(account))
+    if account.reasons:
+        print_table(VEHICLE_HEADER, _vehicles_rows(account))
 
 
-def print_vehicle_moment(found: VehicleMoment) -> None:
+def print_vehicle_moment(moment: VehicleMoment) -> None:
     """Print the candidates about a moment."""
-    print_line(f"{found.time_s:.3f} s: {len(found.chain)} candidates")
-    for link in found.chain:
+    print_line(f"{moment.time_s:.3f} s: {len(moment.chain)} candidates")
+    for link in moment.chain:
         print_link(link)
 
 
-def vehicles_page(found: VehicleAccount) -> str:
+def vehicles_page(account: VehicleAccount) -> str:
     """Return the page about all passes or courses."""
-    return f"# {_vehicles_headline(found)}\n"
+    return f"# {_vehicles_headline(account)}\n"
 
 
-def _vehicles_headline(found: VehicleAccount) -> str:
+def _vehicles_headline(account: VehicleAccount) -> str:
     return (
-        f"{found.recording}: {found.stage}: {found.right} right, {found.missed} missed, "
-        f"{found.false} false"
+        f"{account.recording}: {account.stage}: {account.right} right, {account.missed} missed, "
+        f"{account.false} false"
     )
 
 
-def _vehicles_rows(found: VehicleAccount) -> list[tuple[str, ...]]:
+def _vehicles_rows(account: VehicleAccount) -> list[tuple[str, ...]]:
     return [
         (
             f"{r.time_s:.2f}",
@@ -616,7 +622,7 @@ def _vehicles_rows(found: VehicleAccount) -> list[tuple[str, ...]]:
             r.text,
             f"--set {r.change}" if r.change else "-",
         )
-        for r in found.reasons
+        for r in account.reasons
     ]
 
 
@@ -631,35 +637,35 @@ the recording says.
 """
 
 
-def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
+def moment_page(moment: Moment, title: str, remedy: Remedy | None) -> str:
     """Return the page about one moment.
 
     Parameters
     ----------
-    found
+    moment
         What there is at the moment.
     title
         Which true step it is, e.g. ``step 8``; empty for any other moment.
     remedy
         The smallest change that finds that step; None where there is none, or none is needed.
     """
-    lines = [f"# {title or 'moment'} at {found.time_s:.3f} s", ""]
-    if found.reason is None:
+    lines = [f"# {title or 'moment'} at {moment.time_s:.3f} s", ""]
+    if moment.reason is None:
         lines.append("A step was accepted.")
     else:
-        lines.append(f"**{found.reason.cause}**: {found.reason.text}")
-    if found.pair is not None:
-        lines += ["", f"The step found at {found.pair.found_s:.3f} s {found.pair.text}."]
+        lines.append(f"**{moment.reason.cause}**: {moment.reason.text}")
+    if moment.pair is not None:
+        lines += ["", f"The step found at {moment.pair.found_s:.3f} s {moment.pair.text}."]
     if remedy is not None:
         lines += ["", f"Smallest change: `{remedy.options}`", ""]
         lines += counts_table((("now", remedy.before), ("then", remedy.after)))
-    elif title and found.reason is not None:
+    elif title and moment.reason is not None:
         lines += [
             "",
             "No change of one or two parameters finds it without losing more than it mends.",
         ]
-    stages = list(dict.fromkeys(link.stage for link in found.chain))
-    for link in sorted(found.chain, key=lambda link: -stages.index(link.stage)):
+    stages = list(dict.fromkeys(link.stage for link in moment.chain))
+    for link in sorted(moment.chain, key=lambda link: -stages.index(link.stage)):
         lines += ["", *_chain(link)]
     return "\n".join(lines) + "\n" + READING_WHY
 
@@ -688,18 +694,18 @@ def _chain(link: Chain) -> list[str]:
     return [head, "", "| gate | value | threshold | margin | |", "|---|---|---|---|---|", *rows]
 
 
-def account_page(found: StepExplanation) -> str:
+def account_page(explanation: StepExplanation) -> str:
     """Return the page about a whole result."""
-    lines = [f"# {found.recording}", "", *counts_table((("", found.counts),)), ""]
-    if found.shift is not None:
-        s = found.shift
+    lines = [f"# {explanation.recording}", "", *counts_table((("", explanation.counts),)), ""]
+    if explanation.shift is not None:
+        s = explanation.shift
         lines += [
             f"One shift mends {s.mends} of {s.pairs} steps found at the wrong time: all "
             f"detections {s.late_ms:+.0f} ms from the truth; without that {s.right} are right.",
             "",
         ]
-    lines += [f"* {n} missed by {cause}" for cause, n in found.causes.items()]
-    if found.missed:
-        rows = [(f"{m.step}", f"{m.time_s:.3f}", m.reason.text) for m in found.missed]
+    lines += [f"* {n} missed by {cause}" for cause, n in explanation.causes.items()]
+    if explanation.missed:
+        rows = [(f"{m.step}", f"{m.time_s:.3f}", m.reason.text) for m in explanation.missed]
         lines += ["", *page_table(("missed", "time [s]", "why"), rows)]
     return "\n".join(lines) + "\n" + READING_WHY

@@ -173,11 +173,11 @@ def engine_of(text: str, workers: int) -> Engine:
     name, _, address = text.partition(":")
     if name == "local" and not address:
         return Engine(text, partial(local_crew, workers))
-    for known, package, extra, crew in (
+    for engine, package, extra, crew in (
         ("dask", "distributed", "fleet", dask_crew),
         ("ray", "ray", "ray", ray_crew),
     ):
-        if name == known:
+        if name == engine:
             if find_spec(package) is None:
                 raise MissingReaderError(f"--engine {package}", package, extra)
             return Engine(text, partial(crew, address, workers))
@@ -267,18 +267,20 @@ class _Shift:
             return
         if there:
             worker, why = next(iter(self._out.items()))
-            found = f"{len(self._out)} left out, the first, {worker}: {why}"
-            raise RecordingError(f"--engine {self._name}: expected a worker to use, found {found}")
+            left_out = f"{len(self._out)} left out, the first, {worker}: {why}"
+            raise RecordingError(
+                f"--engine {self._name}: expected a worker to use, found {left_out}"
+            )
         self._alone_since = now if self._alone_since is None else self._alone_since
         if now - self._alone_since >= WORKERS_S:
-            said = f"expected a worker within {WORKERS_S:g} s, found none"
-            raise RecordingError(f"--engine {self._name}: {said}")
+            problem = f"expected a worker within {WORKERS_S:g} s, found none"
+            raise RecordingError(f"--engine {self._name}: {problem}")
         time.sleep(_LOOK_S)
 
     def _leave_out(self, worker: str, error: Exception) -> None:
         if worker not in self._out:
-            said = str(error).strip().splitlines()
-            what = f"{type(error).__name__}: {said[-1] if said else ''}"
+            lines = str(error).strip().splitlines()
+            what = f"{type(error).__name__}: {lines[-1] if lines else ''}"
             fit = isinstance(error, MisfitError)
             self._out[worker] = str(error) if fit else f"expected an answer, found: {what}"
             self._left_out(f"worker {worker} is left out: {self._out[worker]}")
@@ -595,8 +597,8 @@ def reached(address: str) -> Iterator[None]:
     try:
         yield
     except (OSError, ValueError, RuntimeError, TypeError) as error:
-        said = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordingError(f"--engine {address}: expected a cluster, found: {said}") from error
+        message = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordingError(f"--engine {address}: expected a cluster, found: {message}") from error
 
 
 @contextmanager

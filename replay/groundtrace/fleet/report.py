@@ -51,7 +51,7 @@ def fleet_page(
     misses: Misses,
     files: Mapping[str, str],
     old: FleetTable | None = None,
-    found: Sequence[Change] = (),
+    figure_changes: Sequence[Change] = (),
     by: str = "",
 ) -> str:
     """Return a fleet's table as an HTML page with figures.
@@ -68,7 +68,7 @@ def fleet_page(
         What each pipeline is called on the command line, by its name.
     old
         An earlier table to compare with.
-    found
+    figure_changes
         The changes since.
     by
         What was left out as a whole; empty for recordings.
@@ -92,7 +92,7 @@ def fleet_page(
         hurt=damage_rows(fleet),
         warned=sum(map(bool, fleet.of("warnings"))),
         by_pipeline=pipeline_rows(fleet),
-        against=None if old is None else _against(old, fleet, found),
+        against=None if old is None else _against(old, fleet, figure_changes),
         by=by,
         false_discoveries=FALSE_DISCOVERIES,
         fewest=FEWEST,
@@ -141,15 +141,15 @@ def _distributions(fleet: FleetTable) -> Iterator[FleetFigure]:
             if len(rows):
                 names = [fleet.of("recording")[row] for row in rows]
                 outside = int((np.abs(values[rows]) > max(span)).sum())
-                said = f"{counted(len(rows), 'recording')}; the broken line is the median."
-                said += f" {outside} outside are drawn at the edge." if outside else ""
+                caption = f"{counted(len(rows), 'recording')}; the broken line is the median."
+                caption += f" {outside} outside are drawn at the edge." if outside else ""
                 drawn = distribution(values[rows], names, axis, span)
-                yield FleetFigure(f"{title}, {pipeline}", drawn, said)
+                yield FleetFigure(f"{title}, {pipeline}", drawn, caption)
 
 
 def _worst(fleet: FleetTable, misses: Misses, files: Mapping[str, str]) -> list[FleetRows]:
     """Return the worst recordings, by each figure that puts them in order, and what they missed."""
-    found = []
+    tables = []
     for ranking in ranked(fleet):
         header, rows = worst_rows(fleet, ranking)
         more = len(ranking.rows) > WORST_LISTED
@@ -157,14 +157,14 @@ def _worst(fleet: FleetTable, misses: Misses, files: Mapping[str, str]) -> list[
         title += f"; the worst {WORST_LISTED} of {len(ranking.rows)}" if more else ""
         missed = []
         for row in ranking.rows[:WORST_LISTED]:
-            place = (fleet.of("location")[row], fleet.of("pipeline")[row])
-            if of := misses.get(place, ()):
+            key = (fleet.of("location")[row], fleet.of("pipeline")[row])
+            if of := misses.get(key, ()):
                 shown = f", the first {MISSES}" if len(of) > MISSES else ""
-                said = f"{place[0]}, {place[1]}: {len(of)} missed{shown}"
+                heading = f"{key[0]}, {key[1]}: {len(of)} missed{shown}"
                 columns = ("miss", "time [s]", "cause", "why", "shows it")
-                missed.append(FleetRows(said, columns, miss_rows(fleet, row, of, files)))
-        found.append(FleetRows(title, header, rows, missed))
-    return found
+                missed.append(FleetRows(heading, columns, miss_rows(fleet, row, of, files)))
+        tables.append(FleetRows(title, header, rows, missed))
+    return tables
 
 
 def _causes(fleet: FleetTable) -> Iterator[FleetFigure]:
@@ -180,10 +180,10 @@ def _origin(fleet: FleetTable) -> dict[str, list[tuple[str, ...]]]:
     """Return the recipes of the pipelines, and the versions."""
     names = ("pipeline", "parameters", "versions", "error")
     rows = zip(*(fleet.of(name) for name in names), strict=True)
-    known = dict.fromkeys((p, t, v) for p, t, v, error in rows if not error)
+    origins = dict.fromkeys((p, t, v) for p, t, v, error in rows if not error)
     return {
-        "recipes": list(dict.fromkeys((p, t) for p, t, _ in known)),
-        "versions": [(v,) for v in dict.fromkeys(v for _, _, v in known)],
+        "recipes": list(dict.fromkeys((p, t) for p, t, _ in origins)),
+        "versions": [(v,) for v in dict.fromkeys(v for _, _, v in origins)],
     }
 
 
@@ -197,11 +197,11 @@ class Against(NamedTuple):
     tables: list[FleetRows]
 
 
-def _against(old: FleetTable, new: FleetTable, found: Sequence[Change]) -> Against:
+def _against(old: FleetTable, new: FleetTable, figure_changes: Sequence[Change]) -> Against:
     pairs = pairs_of(old, new)
-    tables = [each for each in _moved(old, new, pairs) if each.rows] if found else []
-    figures = [(change_cells(change), change.verdict) for change in found]
-    tested = sum(change.interval is not None for change in found)
+    tables = [each for each in _moved(old, new, pairs) if each.rows] if figure_changes else []
+    figures = [(change_cells(change), change.verdict) for change in figure_changes]
+    tested = sum(change.interval is not None for change in figure_changes)
     return Against(old.name, len(pairs), tested, figures, tables)
 
 
@@ -213,8 +213,8 @@ def _moved(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> It
     fell = [i for i in order if moved[i] < 0][:CHANGES_LISTED]
     rose = [i for i in reversed(order) if moved[i] > 0][:CHANGES_LISTED]
     places = list(zip(new.of("location"), new.of("pipeline"), strict=True))
-    for title, kept in (("F1 fell most", fell), ("F1 rose most", rose)):
-        figures = ((pairs[i], moved[i]) for i in kept)
+    for title, indices in (("F1 fell most", fell), ("F1 rose most", rose)):
+        figures = ((pairs[i], moved[i]) for i in indices)
         rows = [
             (*places[b], f"{before[a]:.3f}", f"{after[b]:.3f}", f"{change:+.3f}")
             for (a, b), change in figures
@@ -233,10 +233,12 @@ def _moved(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> It
 def change_cells(change: Change) -> list[str]:
     """Return a change as text: figure, pipeline, recordings, groups, before..interval, p."""
     measure, interval = change.measure, change.interval
-    said = "" if change.verdict == "the same" else f"needs {FEWEST} groups, found {change.groups}"
+    interval_text = (
+        "" if change.verdict == "the same" else f"needs {FEWEST} groups, found {change.groups}"
+    )
     if interval is not None:
         low, high = (figure(end, measure, sign=True) for end in (interval.low, interval.high))
-        said = f"{low} to {high}"
+        interval_text = f"{low} to {high}"
     return [
         measure.name + (f" [{measure.unit}]" if measure.unit else ""),
         change.pipeline,
@@ -245,7 +247,7 @@ def change_cells(change: Change) -> list[str]:
         figure(change.before, measure),
         figure(change.after, measure),
         figure(change.after - change.before, measure, sign=True),
-        said,
+        interval_text,
         "" if change.adjusted_p is None else f"{change.adjusted_p:.3f}",
     ]
 
@@ -266,22 +268,22 @@ def distribution(
     span
         Ends of the axis; what lies outside is drawn at them.
     """
-    held = np.clip(values, *span)
+    clipped = np.clip(values, *span)
     if len(values) < ENOUGH_FOR_BARS:
-        order = np.argsort(held, kind="stable")
+        order = np.argsort(clipped, kind="stable")
         plot = Drawing(f"{label}, recording by recording", label, "Recordings, in order")
         tips = [f"{names[row]}: {values[row]:.4g}" for row in order]
-        plot.dots(held[order], np.arange(1, len(held) + 1), "result", tips, 8)
+        plot.dots(clipped[order], np.arange(1, len(clipped) + 1), "result", tips, 8)
         plot.axes.locator_params(axis="y", integer=True)
-        plot.axes.set_ylim(0.4, len(held) + 0.6)
+        plot.axes.set_ylim(0.4, len(clipped) + 0.6)
     else:
         edges = np.linspace(*span, BINS + 1)
-        counts, _ = np.histogram(held, edges)
+        counts, _ = np.histogram(clipped, edges)
         plot = Drawing(f"Distribution of {label}", label, "Recordings [count]")
         ends = zip(edges, edges[1:], counts, strict=False)
         plot.bars(edges, counts, [f"{low:.4g} to {high:.4g}: {n}" for low, high, n in ends])
         plot.axes.set_ylim(0, max(4.0, 1.12 * float(counts.max())))
-    plot.mark(x=float(np.median(held)))
+    plot.mark(x=float(np.median(clipped)))
     margin = 0.02 * (span[1] - span[0])
     plot.axes.set_xlim(span[0] - margin, span[1] + margin)
     return plot.svg()
@@ -310,8 +312,8 @@ def cause_bars(counts: Sequence[tuple[str, int]]) -> Markup:
     places = -np.arange(len(counts))
     bars = plot.axes.barh(places, numbers, 0.7, color=COLOURS["result"])
     plot.tell_bars(bars, [f"{cause}: {n} of {total} misses" for cause, n in counts])
-    for place, n in zip(places, numbers, strict=True):
-        plot.note(n, float(place), f"{n} ({n / total:.0%})", va="center", xytext=(6, 0))
+    for position, n in zip(places, numbers, strict=True):
+        plot.note(n, float(position), f"{n} ({n / total:.0%})", va="center", xytext=(6, 0))
     plot.axes.set_yticks(places, causes)
     plot.axes.set_xlim(0, 1.12 * max(numbers))
     plot.axes.grid(visible=False, axis="y")
@@ -355,7 +357,7 @@ class Ranked:
 def ranked(table: FleetTable) -> list[Ranked]:
     """Return the rows from the worst on: each by the first of the figures that it has."""
     left = np.ones(len(table), np.bool_)
-    found = []
+    rankings = []
     for column, name, higher in _RANKED:
         values = table.numbers(column)
         if column == "passes_matched":
@@ -364,8 +366,8 @@ def ranked(table: FleetTable) -> list[Ranked]:
         left[rows] = False
         if len(rows):
             order = np.argsort(values[rows] if higher else -values[rows], kind="stable")
-            found.append(Ranked(column, name, tuple(rows[order].tolist())))
-    return found
+            rankings.append(Ranked(column, name, tuple(rows[order].tolist())))
+    return rankings
 
 
 def pipeline_rows(table: FleetTable) -> tuple[list[str], list[list[str]]]:
@@ -377,10 +379,10 @@ def pipeline_rows(table: FleetTable) -> tuple[list[str], list[list[str]]]:
     for measure, sums in shown:
         cells = [measure.name + (f" [{measure.unit}]" if measure.unit else "")]
         for pipeline in table.pipelines():
-            kept = table.rows_of(pipeline) & np.isfinite(sums.top + sums.bottom)
-            bottom = float(sums.bottom[kept].sum())
+            valid = table.rows_of(pipeline) & np.isfinite(sums.top + sums.bottom)
+            bottom = float(sums.bottom[valid].sum())
             cells.append(
-                figure(float(sums.top[kept].sum()) / bottom, measure) if bottom else NO_FIGURE
+                figure(float(sums.top[valid].sum()) / bottom, measure) if bottom else NO_FIGURE
             )
         rows.append(cells)
     return header, rows
@@ -463,9 +465,9 @@ def command(table: FleetTable, row: int, miss: MissedStep, files: Mapping[str, s
     words = ["groundtrace", "replay", location]
     pipeline = table.of("pipeline")[row]
     words += ["--pipeline", files.get(pipeline, pipeline)]
-    own = table.of("truth")[row] in ("recording", "annotations")
+    has_own_truth = table.of("truth")[row] in ("recording", "annotations")
     # replay --at-miss matches by this tolerance; misses of another one have other numbers
-    if own and table.of("tolerance_s")[row] == STEP_TOLERANCE_S:
+    if has_own_truth and table.of("tolerance_s")[row] == STEP_TOLERANCE_S:
         words += ["--at-miss", str(miss.miss)]
     else:
         start_s = max(0.0, miss.time_s - AROUND_S)
@@ -495,13 +497,13 @@ def warning_rows(table: FleetTable) -> list[list[str]]:
     """Return what was warned of, and of how many recordings; the most frequent first."""
     counts: dict[tuple[str, str], list[str]] = {}
     columns = (table.of("location"), table.of("pipeline"), table.of("warnings"))
-    for location, pipeline, told in zip(*columns, strict=True):
-        for part in (told or "").split(" | ") if told else ():
+    for location, pipeline, warnings in zip(*columns, strict=True):
+        for part in (warnings or "").split(" | ") if warnings else ():
             counts.setdefault((pipeline, part), []).append(location)
-    found = sorted(counts.items(), key=lambda item: (-len(item[1]), item[0]))
+    by_count = sorted(counts.items(), key=lambda item: (-len(item[1]), item[0]))
     return [
         [text, pipeline, str(len(names)), names[0]]
-        for (pipeline, text), names in found[:WORST_LISTED]
+        for (pipeline, text), names in by_count[:WORST_LISTED]
     ]
 
 
@@ -639,9 +641,9 @@ def pairs_of(old: FleetTable, new: FleetTable) -> list[tuple[int, int]]:
     compared with the other's one, whatever their names.
     """
     one = len(set(old.pipelines())) == 1 == len(set(new.pipelines()))
-    known = {key: row for row, key in enumerate(_keys(old, named=not one))}
+    old_rows = {key: row for row, key in enumerate(_keys(old, named=not one))}
     keys = enumerate(_keys(new, named=not one))
-    return [(known[key], row) for row, key in keys if key in known]
+    return [(old_rows[key], row) for row, key in keys if key in old_rows]
 
 
 def changes(
@@ -663,24 +665,24 @@ def changes(
     """
     numbers = np.arange(len(new)) if groups is None else np.unique(groups, return_inverse=True)[1]
     pairs = np.array(pairs_of(old, new), np.intp).reshape(-1, 2)
-    found = []
+    figure_changes = []
     for pipeline in new.pipelines():
         mine = pairs[new.rows_of(pipeline)[pairs[:, 1]]]
         for measure in MEASURES:
             change = _change(measure, pipeline, measure.sums(old), measure.sums(new), mine, numbers)
             if change is not None:
-                found.append(change)
-    return _judged(found, matters or {})
+                figure_changes.append(change)
+    return _judged(figure_changes, matters or {})
 
 
-def _judged(found: Sequence[Change], matters: Mapping[str, float]) -> list[Change]:
+def _judged(figure_changes: Sequence[Change], matters: Mapping[str, float]) -> list[Change]:
     """Return changes with verdicts: all intervals together are corrected for their number."""
     from scipy.stats import false_discovery_control
 
-    tested = [change.interval.p for change in found if change.interval is not None]
+    tested = [change.interval.p for change in figure_changes if change.interval is not None]
     adjusted = iter(false_discovery_control(tested).tolist() if tested else ())
     judged = []
-    for change in found:
+    for change in figure_changes:
         if change.interval is None:
             judged.append(change)
             continue
@@ -705,20 +707,20 @@ def _change(
     for side, arrays in enumerate(parts):
         for values in arrays:
             finite &= np.isfinite(values[pairs[:, side]])
-    kept = pairs[finite]
+    valid_pairs = pairs[finite]
     before, after = (
-        RatioOfSums(top[kept[:, side]], bottom[kept[:, side]])
+        RatioOfSums(top[valid_pairs[:, side]], bottom[valid_pairs[:, side]])
         for side, (top, bottom) in enumerate(parts)
     )
-    if not len(kept) or not np.isfinite(before.value() + after.value()):
+    if not len(valid_pairs) or not np.isfinite(before.value() + after.value()):
         return None
     same = bool((before.top * after.bottom == after.top * before.bottom).all())
-    drawn, of = np.unique(groups[kept[:, 1]], return_inverse=True)
-    told = len(drawn) >= FEWEST and not same
-    interval = interval_of_change(before.by_group(of), after.by_group(of)) if told else None
+    drawn, of = np.unique(groups[valid_pairs[:, 1]], return_inverse=True)
+    is_testable = len(drawn) >= FEWEST and not same
+    interval = interval_of_change(before.by_group(of), after.by_group(of)) if is_testable else None
     verdict: Verdict = "the same" if same else "undecided"
     was, now = before.value(), after.value()
-    return Change(measure, pipeline, len(kept), was, now, interval, verdict, len(drawn))
+    return Change(measure, pipeline, len(valid_pairs), was, now, interval, verdict, len(drawn))
 
 
 def verdict_of(
@@ -768,7 +770,7 @@ def groups_of(table: FleetTable, by: str, tags: Path | None = None) -> list[str]
     if tags is not None:
         cells = _tagged(table, by, tags)
     elif by == "folder":
-        cells = [str(PurePosixPath(place).parent) for place in table.of("location")]
+        cells = [str(PurePosixPath(location).parent) for location in table.of("location")]
     elif by in table.columns:
         cells = [None if cell is None else str(cell) for cell in table.of(by)]
     else:
@@ -791,17 +793,18 @@ def _tagged(table: FleetTable, by: str, tags: Path) -> list[str | None]:
     names = lines[0] if lines else []
     key = next((name for name in ("location", "recording") if name in names), None)
     if key is None or by not in names:
-        found = ", ".join(names) or "none"
-        raise RecordingError(f"{tags}: expected columns recording and {by}, found {found}")
-    place, tag = names.index(key), names.index(by)
-    known: dict[str, str] = {}
+        columns = ", ".join(names) or "none"
+        raise RecordingError(f"{tags}: expected columns recording and {by}, found {columns}")
+    key_column, tag = names.index(key), names.index(by)
+    tag_of: dict[str, str] = {}
     for number, line in enumerate(lines[1:], 2):
-        if len(line) <= max(place, tag):
+        if len(line) <= max(key_column, tag):
             continue
-        if known.setdefault(line[place], line[tag]) != line[tag]:
-            said = f"expected one {by} of {line[place]}, found {known[line[place]]} and {line[tag]}"
-            raise RecordingError(f"{tags}: line {number}: {said}")
-    return [known.get(name) for name in table.of(key)]
+        if tag_of.setdefault(line[key_column], line[tag]) != line[tag]:
+            both = f"{tag_of[line[key_column]]} and {line[tag]}"
+            conflict = f"expected one {by} of {line[key_column]}, found {both}"
+            raise RecordingError(f"{tags}: line {number}: {conflict}")
+    return [tag_of.get(name) for name in table.of(key)]
 
 
 def _added(table: FleetTable, names: str) -> NDArray[np.float64]:

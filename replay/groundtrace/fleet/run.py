@@ -138,7 +138,7 @@ def tasks_of(
 
 def shard(tasks: Sequence[Task], index: int, count: int) -> list[Task]:
     """Return the tasks of one shard: those of every ``count``-th recording."""
-    order = {place: i for i, place in enumerate(dict.fromkeys(t.location for t in tasks))}
+    order = {location: i for i, location in enumerate(dict.fromkeys(t.location for t in tasks))}
     return [task for task in tasks if order[task.location] % count == index - 1]
 
 
@@ -206,10 +206,10 @@ def _answers(
 ) -> Iterator[tuple[int, Done]]:
     others = []
     for index, task in enumerate(tasks):
-        if (own := here(task)) is None:
+        if (local_done := here(task)) is None:
             others.append(index)
         else:
-            yield index, own
+            yield index, local_done
     with closing(engine.run(evaluate, [tasks[index] for index in others], left_out)) as answers:
         for number, done in answers:
             index = others[number]
@@ -262,10 +262,10 @@ def _key_in_time(task: Task) -> str:
 
 def _knowing(tasks: Sequence[Task], parts: Parts) -> list[Task]:
     """Return the tasks, each told the keys that may be its own: it finds out which by its bytes."""
-    known: dict[str, set[str]] = defaultdict(set)
+    keys: dict[str, set[str]] = defaultdict(set)
     for key in parts.done():
-        known[key.rpartition("-")[0]].add(key)
-    return [replace(t, known=frozenset(known.get(name_part(t.location), ()))) for t in tasks]
+        keys[key.rpartition("-")[0]].add(key)
+    return [replace(t, done_keys=frozenset(keys.get(name_part(t.location), ()))) for t in tasks]
 
 
 #: Name of what is chosen for each recording where no pipeline is asked for.
@@ -330,7 +330,7 @@ class Task:
         Largest distance between a step and its detection [s].
     truth
         File of truth instead of the recording's own.
-    known
+    done_keys
         Keys of parts that need not be made again.
     folder
         What a path is relative to: workers may be started elsewhere.
@@ -346,7 +346,7 @@ class Task:
     recipe: Recipe
     tolerance_s: float = STEP_TOLERANCE_S
     truth: str | None = None
-    known: frozenset[str] = frozenset()
+    done_keys: frozenset[str] = frozenset()
     folder: str = ""
     limit_s: float | None = None
     software: Software = Software()
@@ -390,13 +390,13 @@ def recipes_of(
     configs = [with_settings(load_pipeline(name), settings) for name in names]
     if not configs and settings:
         raise PipelineError("--set: expected --pipeline NAME to set it in, found none")
-    found = [config.name for config in configs]
+    pipeline_names = [config.name for config in configs]
     shipped = named_pipelines()
     for index, name in enumerate(names):  # a printed pipeline, changed, is known by its file
-        if found.count(configs[index].name) > 1 and name not in shipped:
+        if pipeline_names.count(configs[index].name) > 1 and name not in shipped:
             configs[index] = replace(configs[index], name=Path(name).stem)
-    found = [config.name for config in configs]
-    twice = next((name for name in found if found.count(name) > 1), None)
+    pipeline_names = [config.name for config in configs]
+    twice = next((name for name in pipeline_names if pipeline_names.count(name) > 1), None)
     if twice is not None:
         raise PipelineError(f"--pipeline: expected different names, found {twice!r} twice")
     recipes = [(c.name, build_pipeline(c).recipe(), owners_of(c)) for c in configs]
@@ -461,14 +461,14 @@ def identity_of(task: Task) -> Identity:
 
 
 def _key(task: Task, content: str) -> str:
-    told = (
+    key_parts = (
         name_of(task.location),
         content,
         _truth_content(task),
         task.recipe.sha256,
         task.software.code,
     )
-    return f"{name_part(task.location)}-{_sha256(msgspec.json.encode(told))[:32]}"
+    return f"{name_part(task.location)}-{_sha256(msgspec.json.encode(key_parts))[:32]}"
 
 
 def name_part(location: Location) -> str:
@@ -517,12 +517,12 @@ _DECIDING = (
 @cache
 def code_sha256() -> str:
     """Return the hash of the installed code that decides."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for package in _DECIDING:
         (folder,) = importlib.import_module(package).__path__
         for path in sorted(Path(folder).rglob("*.py")):
-            found.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 @cache
@@ -530,9 +530,9 @@ def misfit(software: Software) -> str:
     """Return in what this process decides with other software, or nothing."""
     here = {name: f"{name} {number}" for name, number in package_versions().items()}
     for wanted in software.versions:
-        found = here.get(wanted.partition(" ")[0], "none")
-        if found != wanted:
-            return f"expected {wanted}, found {found}"
+        installed = here.get(wanted.partition(" ")[0], "none")
+        if installed != wanted:
+            return f"expected {wanted}, found {installed}"
     brought = (
         {f"{p.distribution} {p.version}" for p in plugins("stages")} if software.owners else ()
     )
@@ -540,8 +540,8 @@ def misfit(software: Software) -> str:
         if wanted not in brought:
             return f"expected {wanted}, which has plugins, found none"
     if software.code and software.code != code_sha256():
-        found = f"groundtrace {installed_version()} with code {code_sha256()[:12]}"
-        return f"expected the code of this run, {software.code[:12]}, found {found}"
+        installed = f"groundtrace {installed_version()} with code {code_sha256()[:12]}"
+        return f"expected the code of this run, {software.code[:12]}, found {installed}"
     return ""
 
 
@@ -608,29 +608,33 @@ def evaluate(
     try:
         with limit:
             identity = identity_of(task)
-            if identity.key in task.known:
+            if identity.key in task.done_keys:
                 return Done(identity.key)
             part = _part(task, first_row(task, identity), identity, limit, replays)
             sha256 = part.row.sha256 if identity.remote is None else identity.remote.sha256()
     except TimeLimitError:
-        said = f"{name_of(task.location)}: expected a replay within {limit.limit_s:g} s, found none"
+        message = (
+            f"{name_of(task.location)}: expected a replay within {limit.limit_s:g} s, found none"
+        )
     except (CodecError, GroundtraceError) as error:
-        said = error_text(task, error)
+        message = error_text(task, error)
     except OSError as error:
-        said = f"{name_of(task.location)}: expected a file to use, found: {error.strerror or error}"
+        message = (
+            f"{name_of(task.location)}: expected a file to use, found: {error.strerror or error}"
+        )
     except Exception as error:  # a bug costs its recording, and is told; the fleet goes on
-        said = _place_of(error)
+        message = _place_of(error)
     else:
         done = replace(part.row, sha256=sha256, wall_s=time.perf_counter() - began)
         return Done(identity.key, replace(part, row=done).encoded())
-    return _failed(task, identity, said, time.perf_counter() - began)
+    return _failed(task, identity, message, time.perf_counter() - began)
 
 
-def _failed(task: Task, identity: Identity, said: str, wall_s: float = 0.0) -> Done:
+def _failed(task: Task, identity: Identity, message: str, wall_s: float = 0.0) -> Done:
     """Return what came of a task that failed; without a key it is that of bytes nobody has read."""
     identity = identity if identity.key else Identity(_key(task, ""))
     row = replace(first_row(task, identity), wall_s=wall_s)
-    return Done(identity.key, failed(row, said).encoded(), failed=True)
+    return Done(identity.key, failed(row, message).encoded(), failed=True)
 
 
 def lost(task: Task) -> Done:
@@ -823,8 +827,8 @@ def _part(
 def _stated(opened: Recording, key: str) -> str:
     """Return what metadata of a recording say under a key, whatever their record is called."""
     pairs = (pair for values in opened.metadata.values() for pair in values.items())
-    found = {value.strip() for name, value in pairs if name.lower() == key and value.strip()}
-    return "; ".join(sorted(found))
+    texts = {value.strip() for name, value in pairs if name.lower() == key and value.strip()}
+    return "; ".join(sorted(texts))
 
 
 def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, ...], Row]:
@@ -854,7 +858,7 @@ def _sha256_of(chain: Pipeline, row: Row) -> str:
 
 def _judged(row: Row, result: Results, source: ByteSource | Path) -> Part:
     """Score and explain a result."""
-    said = answers_of(result.events)
+    answers = answers_of(result.events)
     gaps = [e for e in result.events if isinstance(e, Gap)]
     origin = result.provenance
     score = score_events(
@@ -869,10 +873,10 @@ def _judged(row: Row, result: Results, source: ByteSource | Path) -> Part:
         row,
         gaps=sum(not g.bridged for g in gaps),
         lost_samples=sum(g.lost for g in gaps),
-        found_steps=len(said.steps),
-        found_picks=len(said.picks),
-        found_fixes=len(said.fixes),
-        found_passes=len(said.passes),
+        found_steps=len(answers.steps),
+        found_picks=len(answers.picks),
+        found_fixes=len(answers.fixes),
+        found_passes=len(answers.passes),
         warnings=" | ".join(warned.line for warned in result.warnings),
         figures={figure.name: _plain(figure.of(score)) for figure in FIGURES},
         causes=dict(sorted(causes.items())),
@@ -887,9 +891,10 @@ def _steps(result: Results, tolerance_s: float, source: ByteSource | Path) -> tu
     signal = Unfiltered(evidence.config, lambda: source)
     reasons = StepReasons(replace(evidence, unfiltered=signal), tolerance_s)
     matching = reasons.matching
-    truth, found = matching.truth_ns.tolist(), matching.found_ns.tolist()
+    truth, detected = matching.truth_ns.tolist(), matching.found_ns.tolist()
     rows = [
-        StepRow("matched", int(t) + 1, None, truth[t], found[f]) for t, f in matching.pairs.tolist()
+        StepRow("matched", int(t) + 1, None, truth[t], detected[f])
+        for t, f in matching.pairs.tolist()
     ]
     for found_ns in matching.found_ns[matching.false].tolist():
         pair = reasons.wrong_time(found_ns)
@@ -905,9 +910,9 @@ def _steps(result: Results, tolerance_s: float, source: ByteSource | Path) -> tu
 def _json(score: Score, warnings: Sequence[Warned]) -> str:
     """Return a score as ``groundtrace score --json`` gives it, without parts that are None."""
     parts = msgspec.to_builtins(score, enc_hook=str)
-    kept = {k: v for k, v in parts.items() if v is not None}
-    kept["warnings"] = [warned.document for warned in warnings]
-    return msgspec.json.encode(kept).decode()
+    document = {k: v for k, v in parts.items() if v is not None}
+    document["warnings"] = [warned.document for warned in warnings]
+    return msgspec.json.encode(document).decode()
 
 
 def _plain(value: Any) -> Any:
@@ -936,17 +941,17 @@ def recordings_of(arguments: Sequence[str]) -> list[Location]:
     CodecError
         Where a URL cannot be listed.
     """
-    found: set[Location] = set()
+    locations: set[Location] = set()
     for argument in arguments:
         places = _remote(argument) if is_url(argument) else _local(argument)
         if not places:
             raise RecordingError(
                 f"{argument}: expected a recording, a folder of recordings or a pattern, found none"
             )
-        found.update(places)
-    if not found:
+        locations.update(places)
+    if not locations:
         raise RecordingError("fleet: expected recordings, found none")
-    return sorted(found)
+    return sorted(locations)
 
 
 def name_of(location: Location) -> str:
@@ -987,8 +992,10 @@ def truth_beside(truth: Path | None, locations: Sequence[Location]) -> dict[Loca
     if truth is None:
         return {}
     if truth.is_dir():
-        named = {place: _named(truth, PurePosixPath(name_of(place)).stem) for place in locations}
-        return {place: path for place, path in named.items() if path is not None}
+        named = {
+            location: _named(truth, PurePosixPath(name_of(location)).stem) for location in locations
+        }
+        return {location: path for location, path in named.items() if path is not None}
     if not truth.is_file():
         raise RecordingError(f"{truth}: expected a truth file or folder, found none")
     if len(locations) > 1:

@@ -126,16 +126,16 @@ def replayed(task: SpanTask) -> SpanReplay | Refusal:
     try:
         with _KEPT.opened(task) as recording:
             if recording.file.size != task.size:
-                found = f"expected {task.size} bytes, found {recording.file.size} on worker"
-                return Refusal(f"{recording.name}: {found} {platform.node()}")
+                sizes = f"expected {task.size} bytes, found {recording.file.size} on worker"
+                return Refusal(f"{recording.name}: {sizes} {platform.node()}")
             config = parse_pipeline(task.recipe.encode(), task.path.name)
             chain = build_pipeline(config, task.geometry, task.labels)
             return replay_span(recording, chain, task.span)
     except (CodecError, GroundtraceError) as error:
         return Refusal(without_secrets(str(error)))
     except OSError as error:
-        found = error.strerror or str(error)
-        return Refusal(f"{task.path.name}: expected a file to use, found: {found}")
+        reason = error.strerror or str(error)
+        return Refusal(f"{task.path.name}: expected a file to use, found: {reason}")
 
 
 class _Kept:
@@ -155,8 +155,8 @@ class _Kept:
             with Recording.open(RemoteBytes(task.location)) as recording:
                 yield recording
             return
-        found = task.path.stat()
-        file = found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+        status = task.path.stat()
+        file = status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
         if self._recording is None or self._file != file:
             self.close()
             self._recording, self._file = Recording.open(task.path), file
@@ -263,7 +263,7 @@ class SplitReplay:
             why = why or self._too_short()
             self.report(f"{plan.recording.name} is replayed in one go: {why}")
             return plan.run(sinks, progress=progress)
-        self.report(self._said(spans))
+        self.report(self._progress_text(spans))
         chain = plan.ready.chain
         samples = plan.signal() if signal or self._wants_signal() else None
         with closing(self._right(spans)) as right:
@@ -271,28 +271,28 @@ class SplitReplay:
             try:
                 return plan.run(sinks, progress=progress, given=given)
             except JoinError as error:
-                said = f"expected {error} to decide as in one go, found another verdict"
-                raise RecordingError(f"{plan.recording.name}: --engine: {said}") from None
+                mismatch = f"expected {error} to decide as in one go, found another verdict"
+                raise RecordingError(f"{plan.recording.name}: --engine: {mismatch}") from None
 
     def _wants_signal(self) -> bool:
         """Return whether samples are wanted here: by a stage, or to judge sensors that are worn."""
         chain = self.plan.ready.chain
-        known = {*in_spans(chain), *measured_in_spans(chain)}
-        alone = [stage for stage in chain.stages if stage.name not in known]
+        split_stages = {*in_spans(chain), *measured_in_spans(chain)}
+        alone = [stage for stage in chain.stages if stage.name not in split_stages]
         needs = [n for s in alone if isinstance(s, StageRunner) for n in s.kind.takes]
         worn = any(c.quantity in RANGES for s in self.plan.session.streams for c in s.channels)
         return worn or any(need.kind is SignalBlock for need in needs)
 
-    def _said(self, spans: Sequence[Span]) -> str:
+    def _progress_text(self, spans: Sequence[Span]) -> str:
         """Return in a line how a recording is split."""
         chain, recording = self.plan.ready.chain, self.plan.recording
         each_s = (recording.end_ns - recording.start_ns) / NS_PER_S / len(spans)
         warm_s, split, measured = warm_up_s(chain), in_spans(chain), measured_in_spans(chain)
-        told = f"{len(spans)} spans of {each_s:.0f} s, each after {warm_s:.0f} s of warm-up"
+        split_text = f"{len(spans)} spans of {each_s:.0f} s, each after {warm_s:.0f} s of warm-up"
         alone = [stage.name for stage in chain.stages if stage.name not in split]
         rest = f"; in one go, since they depend on all before: {', '.join(alone)}" if alone else ""
         rest += f", the signal of {', '.join(measured)} measured in spans" if measured else ""
-        return f"{recording.name}: {told}, through {', '.join(split)}{rest}"
+        return f"{recording.name}: {split_text}, through {', '.join(split)}{rest}"
 
     def _right(self, spans: Sequence[Span]) -> Generator[SpanReplay]:
         """Yield what spans give in their order, each compared with the one before where they join.
@@ -310,16 +310,20 @@ class SplitReplay:
             for number, answer in answers:
                 waiting[number] = self._given(answer)
                 while turn in waiting:
-                    found, span = waiting.pop(turn), spans[turn]
-                    while end is not None and (why := found.differs(end)):
+                    span_replay, span = waiting.pop(turn), spans[turn]
+                    while end is not None and (why := span_replay.differs(end)):
                         self.again += 1
                         span = begun_earlier(span, end, first)
                         self.report(f"span {turn + 1} is replayed again from earlier on: {why}")
-                        found = self._given(replayed(replace(tasks[turn], span=span)))
-                    end = found.end if end is None or found.end is None else found.end.after(end)
+                        span_replay = self._given(replayed(replace(tasks[turn], span=span)))
+                    end = (
+                        span_replay.end
+                        if end is None or span_replay.end is None
+                        else span_replay.end.after(end)
+                    )
                     turn += 1
-                    self.damage.update(found.damage)
-                    yield found
+                    self.damage.update(span_replay.damage)
+                    yield span_replay
 
     def _given(self, answer: SpanReplay | Refusal | None) -> SpanReplay:
         if answer is None:
@@ -407,13 +411,13 @@ def ahead(answers: Generator[T], room: int) -> Generator[T]:
     room
         So many of its answers wait at most.
     """
-    found: queue.Queue[Any] = queue.Queue(maxsize=max(room, 1))
+    pending: queue.Queue[Any] = queue.Queue(maxsize=max(room, 1))
     over = threading.Event()
 
     def put(item: object) -> None:
         while not over.is_set():
             with suppress(queue.Full):
-                found.put(item, timeout=0.1)
+                pending.put(item, timeout=0.1)
                 return
 
     def fill() -> None:
@@ -430,7 +434,7 @@ def ahead(answers: Generator[T], room: int) -> Generator[T]:
     thread = threading.Thread(target=fill, name="groundtrace-spans")
     thread.start()
     try:
-        while (item := found.get()) is not _END:
+        while (item := pending.get()) is not _END:
             answer, error = item
             if error is not None:
                 raise error

@@ -248,8 +248,8 @@ class Parts:
         path = self._path(key)
         part = None if path is None else decoded(path.read_bytes())
         if part is None:
-            found = "none" if path is None else "a broken one"
-            raise RecordingError(f"{self.folder}: {key}: expected a part, found {found}")
+            state = "none" if path is None else "a broken one"
+            raise RecordingError(f"{self.folder}: {key}: expected a part, found {state}")
         return part
 
     def _path(self, key: str) -> Path | None:
@@ -519,8 +519,8 @@ def read_table(path: Path) -> FleetTable:
     try:
         table = read(path)
     except ArrowInvalid as error:
-        said = str(error).splitlines()[0]
-        raise RecordingError(f"{path}: expected a fleet's table, found: {said}") from None
+        message = str(error).splitlines()[0]
+        raise RecordingError(f"{path}: expected a fleet's table, found: {message}") from None
     missing = [name for name in _NEEDED if name not in table.column_names]
     if missing:
         raise RecordingError(f"{path}: expected a fleet's table, found no column {missing[0]}")
@@ -536,11 +536,11 @@ def missed_steps(table: Path) -> dict[tuple[str, str], list[MissedStep]]:
     if not path.is_file():
         return {}
     names = ("location", "pipeline", "miss", "time_s", "cause", "text")
-    found: dict[tuple[str, str], list[MissedStep]] = {}
+    misses: dict[tuple[str, str], list[MissedStep]] = {}
     missed = read(path, columns=list(names), filters=[("verdict", "==", "missed")]).to_pydict()
     for location, pipeline, *rest in zip(*(missed[name] for name in names), strict=True):
-        found.setdefault((location, pipeline), []).append(MissedStep(*rest))
-    return found
+        misses.setdefault((location, pipeline), []).append(MissedStep(*rest))
+    return misses
 
 
 _CONFUSION = "compared:int agreed:int accuracy:float"
@@ -609,14 +609,14 @@ class Figure:
 
 
 def _figures() -> tuple[Figure, ...]:
-    found = []
+    figures = []
     for part, listed in _PARTS.items():
         prefix = part.removesuffix(".all").replace(".", "_")
         for item in listed.split():
             name, _, kind = item.partition(":")
             path = (*part.split("."), name)
-            found.append(Figure(f"{prefix}_{name}", kind, path))  # type: ignore[arg-type]
-    return tuple(found)
+            figures.append(Figure(f"{prefix}_{name}", kind, path))  # type: ignore[arg-type]
+    return tuple(figures)
 
 
 #: In the order of the columns.
