@@ -9,8 +9,8 @@ the matching of steps to the first remedy that ``why`` finds in the bundled walk
 Rerun**: from a fix that is
 given to the viewer to its rows on the timeline. Only what is ours counts.
 
-Each is held against what CONTRIBUTING.md tells of it: the files that are told and entered, those told
-that lie before the trace begins or after it ends, and those entered besides.
+Each is held against what CONTRIBUTING.md tells of it: the files that are told and entered, those
+told that lie before the trace begins or after it ends, and those entered besides.
 """
 
 from __future__ import annotations
