@@ -59,7 +59,7 @@ def main() -> None:
             off, inside = [], []
             for place, a, s in zip(places, azimuths, claimed, strict=True):
                 found = intersect(stations, a, s, norm, weights)
-                if found.found:
+                if found.located:
                     miss = np.array([found.x, found.y]) - place
                     off.append(np.hypot(*miss))
                     inside.append(miss @ np.linalg.solve(found.covariance, miss) <= limits)

@@ -27,7 +27,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from groundtrace.pipeline.results import read_results
-from groundtrace.pipeline.split import alike
+from groundtrace.pipeline.split import same_events
 
 WAYS = ("late", "torn", "stalled", "replaced")
 #: Seconds of the recording that are written, of each way but the first.
@@ -144,7 +144,7 @@ def main() -> None:
                 print(f"{way}: {len(live)} events are kept\n", flush=True)
                 continue
             subprocess.run(command(target, "again"), check=False, capture_output=True)
-            same = alike(live, read_results(Path(folder, "again.results.mcap")).events)
+            same = same_events(live, read_results(Path(folder, "again.results.mcap")).events)
             print(f"{way}: {'the same decisions' if same else 'OTHER DECISIONS'}\n", flush=True)
 
 

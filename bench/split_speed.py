@@ -26,7 +26,7 @@ from big_recording import write_big
 from timing import alone
 
 from groundtrace.pipeline.results import read_results
-from groundtrace.pipeline.split import alike
+from groundtrace.pipeline.split import same_events
 
 #: Arguments, and on how many cores; 0: all there are.
 WAYS: dict[str, tuple[tuple[str, ...], int]] = {
@@ -84,7 +84,7 @@ def main() -> None:
         for way, runs in taken.items():
             least = [min(run[i] for run in runs) for i in (0, 1, 2)]
             said = " ".join(f"{run[0]:.1f}" for run in runs)
-            same = alike(whole, read_results(results[way]).events)
+            same = same_events(whole, read_results(results[way]).events)
             note = "" if same else "  DECIDED OTHERWISE"
             print(f"{way:12}{least[0]:10.1f}{least[1]:9.1f}{least[2]:9.1f}  {said}{note}")
         for slow, fast in (("one worker", "two workers"), ("in one go", "two workers")):

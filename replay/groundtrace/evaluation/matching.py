@@ -300,7 +300,7 @@ class TrueSteps:
 class StepTimes(NamedTuple):
     """Times of steps [s since the first sample], by what became of them."""
 
-    found: tuple[float, ...] = ()
+    detected: tuple[float, ...] = ()
     missed: tuple[float, ...] = ()
     false: tuple[float, ...] = ()
 
@@ -308,7 +308,7 @@ class StepTimes(NamedTuple):
     def of(
         cls, matching: StepMatch | None, found_ns: NDArray[np.int64], start_ns: int
     ) -> StepTimes:
-        """Return those of a match; without one, all that were found."""
+        """Return those of a match; without one, all that were detected."""
 
         def seconds(times_ns: NDArray[np.int64]) -> tuple[float, ...]:
             return tuple(((times_ns - start_ns) / NS_PER_S).tolist())

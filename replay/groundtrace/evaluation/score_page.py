@@ -94,7 +94,7 @@ class Scored:
     """What a score is about: truth, what the result says, and how both are put side by side."""
 
     labels: Sequence[Label]
-    said: ResultEvents
+    answers: ResultEvents
     geometry: Geometry | None
     start_ns: int
     end_ns: int
@@ -103,42 +103,44 @@ class Scored:
     @property
     def matching(self) -> StepMatch:
         """Which steps answer which true ones."""
-        found_ns = np.array([step.time_ns for step in self.said.steps], np.int64)
+        found_ns = np.array([step.time_ns for step in self.answers.steps], np.int64)
         return match_steps(self.labels, found_ns, self.start_ns, self.end_ns, self.tolerance_s)
 
     def position_errors(self, stage: str) -> NDArray[np.float64]:
         """Return the errors of a stage's fixes [m], shape (n, 2)."""
-        fixes = [fix for fix in self.said.fixes if fix.stage == stage]
-        truth = answerable_places(self.labels, self.said.fixes)
+        fixes = [fix for fix in self.answers.fixes if fix.stage == stage]
+        truth = answerable_places(self.labels, self.answers.fixes)
         return matched_fixes(truth, fixes, self.tolerance_s)[1]
 
     @property
     def map(self) -> Markup:
         """The figure of truth, fixes, tracks and sensors."""
-        fixes = last_word(self.said.fixes)
-        return figures.map_figure(true_places(self.labels), fixes, self.said.points, self.geometry)
+        fixes = last_word(self.answers.fixes)
+        return figures.map_figure(
+            true_places(self.labels), fixes, self.answers.points, self.geometry
+        )
 
     @property
     def map_keys(self) -> dict[str, str]:
         """What the colours of the map stand for."""
-        there = {"hit": "truth"} | ({"random": "fixes"} if self.said.fixes else {})
-        there |= {"result": "tracks"} if self.said.points else {}
+        there = {"hit": "truth"} | ({"random": "fixes"} if self.answers.fixes else {})
+        there |= {"result": "tracks"} if self.answers.points else {}
         return there | ({"soft": "sensors"} if self.geometry is not None else {})
 
     @property
     def moments(self) -> Sequence[Moment]:
         """Truth and tracks at the true times."""
-        return moments(true_places(self.labels), self.said.points, self.tolerance_s)
+        return moments(true_places(self.labels), self.answers.points, self.tolerance_s)
 
     @property
     def residuals(self) -> PickResiduals:
         """Errors of the first picks."""
-        return pick_residuals(self.labels, self.said.picks)
+        return pick_residuals(self.labels, self.answers.picks)
 
     @property
     def heading_errors(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """True times [ns] and errors [rad] of the headings."""
-        return heading_errors(self.labels, self.said.headings, self.tolerance_s)
+        return heading_errors(self.labels, self.answers.headings, self.tolerance_s)
 
 
 def _wrong_times(matching: StepMatch, start_ns: int) -> list[tuple[str, list[tuple[str, ...]]]]:

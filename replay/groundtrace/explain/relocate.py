@@ -165,7 +165,7 @@ class Relocator:
 
     def _decided(self, worker: Any, parameters: Any, arrivals: Arrivals) -> Located:
         steps = zip(arrivals.step_ns.tolist(), arrivals.times_s, strict=True)
-        locations = [worker.place(time_ns, times) for time_ns, times in steps]
+        locations = [worker.locate_step(time_ns, times) for time_ns, times in steps]
         rows = [
             place_candidate(int(t), f) for t, f in zip(arrivals.step_ns, locations, strict=True)
         ]
@@ -205,7 +205,7 @@ class Relocator:
     def _place(self, worker: Any, first: int, stop: int) -> None:
         """Let a localizer see some steps, from which it may learn."""
         for row in range(first, stop):
-            worker.place(int(self.arrivals.step_ns[row]), self.arrivals.times_s[row])
+            worker.locate_step(int(self.arrivals.step_ns[row]), self.arrivals.times_s[row])
 
     def arrivals_of(self, outcome: Outcome) -> Arrivals:
         """Return the arrivals that a pipeline decided with other settings would give."""

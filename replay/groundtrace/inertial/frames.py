@@ -203,7 +203,7 @@ class SensorAligner:
 
     def update(self, block: SignalBlock) -> None:
         """Take the quantities of a block, every sample finite."""
-        finite = self._holders.setdefault(block.topic, NonFiniteHold()).held(block)
+        finite = self._holders.setdefault(block.topic, NonFiniteHold()).fill(block)
         values, times = finite.values, finite.sample_times()
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):

@@ -473,7 +473,7 @@ class FootNavigator(Stage):
             text = f"{block.topic}: a swing of a foot needs {LEAST_RATE_HZ:g} Hz to be followed"
             yield Note(block.start_ns, f"{text}, found {rate_hz:g}", "WARN", self.stage)
         self._rate_told = True
-        finite = self._holder.held(block.select(self._columns))
+        finite = self._holder.fill(block.select(self._columns))
         values = finite.values
         if values.shape[1] < SIGNAL_COLUMNS:
             values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)

@@ -289,7 +289,7 @@ class PlacementWatch:
         if self._grid is None:
             self._grid = UniformResampler(block.stream.rate_hz, CUTOFF_HZ)
             self._start_ns = block.start_ns
-        values = planar(self._holder.held(block))[self._columns]
+        values = planar(self._holder.fill(block))[self._columns]
         self._samples.add(self._grid(block.sample_times(), values).values)
         points = round(WINDOW_S * GRID_HZ)
         while self._samples.end - self._samples.first >= points and not self.done:

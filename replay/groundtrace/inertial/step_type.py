@@ -484,7 +484,7 @@ class _Signal:
 
     def add(self, block: SignalBlock) -> None:
         """Take a block."""
-        part = self.axes(self.holder.held(block))
+        part = self.axes(self.holder.fill(block))
         self.time_ns = np.concatenate([self.time_ns, part.time_ns - self.delay_ns])
         self.values = np.concatenate([self.values, self.filter(part.values)], axis=1)
 

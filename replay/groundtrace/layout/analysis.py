@@ -488,10 +488,10 @@ class Advice:
     ----------
     moved
         Index of the sensor that is moved; None where one is added.
-    place
+    position
         Where to [m].
     method
-        The localizer that the place was chosen for.
+        The localizer that the position was chosen for.
     before_m, after_m
         Mean error of each localizer without and with the change [m].
     tried
@@ -499,7 +499,7 @@ class Advice:
     """
 
     moved: int | None
-    place: tuple[float, float]
+    position: tuple[float, float]
     method: str
     before_m: dict[str, float]
     after_m: dict[str, float]

@@ -246,7 +246,7 @@ def calibrate(
         impacts=len(impacts.times_s),
         sensors=len(impacts.positions),
         arrivals=int(np.isfinite(impacts.times_s).sum()),
-        known_places=impacts.known is not None,
+        known_places=impacts.true_places is not None,
         unit=geometry.length_unit,
         scale=Estimate(best.floor.scale, float(spread[0]), bool(pace_known)),
         exponent=Estimate(best.floor.exponent, float(spread[1]), best.free.exponent),
@@ -316,9 +316,11 @@ def _impacts(gathered: Gathered, geometry: Geometry, *, ignore_places: bool) -> 
     """Return the impacts that tell something; those of known places alone where they suffice."""
     picks = np.isfinite(gathered.times_s).sum(axis=1)
     bounds = bounds_of(gathered.positions, _room(geometry))
-    placed = np.isfinite(gathered.known).all(axis=1) & (picks >= 2)
+    placed = np.isfinite(gathered.true_places).all(axis=1) & (picks >= 2)
     if not ignore_places and placed.sum() >= LEAST_KNOWN:
-        return Impacts(gathered.positions, gathered.times_s[placed], bounds, gathered.known[placed])
+        return Impacts(
+            gathered.positions, gathered.times_s[placed], bounds, gathered.true_places[placed]
+        )
     enough = picks >= TELLING
     if enough.sum() < LEAST_IMPACTS:
         raise RecordingError(
@@ -346,7 +348,7 @@ def _begun(
     impacts: Impacts, room: Array | None, exponent: float, *, clocks: bool
 ) -> JointCalibration:
     """Return a first fit with the exponent kept, with offsets where clocks may differ."""
-    if impacts.known is not None:
+    if impacts.true_places is not None:
         return known_start(impacts, offsets=clocks, exponent=exponent)
     return start(impacts, room, exponent=exponent)
 
@@ -356,10 +358,10 @@ def _held_out(impacts: Impacts) -> HeldOut | None:
 
     None where no places are known, or fewer than are held out in turns.
     """
-    if impacts.known is None:
+    if impacts.true_places is None:
         return None
     reference = reference_distance(impacts.positions)
-    cells = np.rint(impacts.known / (SAME_PART * reference))
+    cells = np.rint(impacts.true_places / (SAME_PART * reference))
     _, place_index = np.unique(cells, axis=0, return_inverse=True)
     place_index, count = place_index.reshape(-1), int(place_index.max()) + 1
     if count < FOLDS:
@@ -383,8 +385,8 @@ def _held_out(impacts: Impacts) -> HeldOut | None:
 
 def _law_columns(impacts: Impacts, reference: float) -> Array:
     """Return powers of distance, and a column for each offset but the last, shape (m, n, p)."""
-    assert impacts.known is not None
-    apart = distances(impacts.known, impacts.positions) / reference
+    assert impacts.true_places is not None
+    apart = distances(impacts.true_places, impacts.positions) / reference
     sensors = len(impacts.positions)
     clocks = np.vstack([np.eye(sensors - 1), -np.ones(sensors - 1)])
     powers = np.stack([apart**power for power in LAW], axis=-1)
@@ -494,14 +496,14 @@ class Gathered:
         Shape (n, 2) [m].
     times_s
         Shape (m, n): by the clocks as they are [s]; NaN where a sensor has no arrival.
-    known
+    true_places
         Shape (m, 2): true places [m]; NaN where unknown.
     """
 
     channels: tuple[str, ...]
     positions: Array
     times_s: Array
-    known: Array
+    true_places: Array
 
 
 def gather(
@@ -550,7 +552,7 @@ def gather(
     arrivals = _arrivals_of(sorted(picks, key=lambda p: p.time_ns), steps, rows, window_s)
     columns = np.flatnonzero(np.isfinite(arrivals).any(axis=0))
     names = tuple(list(rows)[index] for index in columns)
-    true_places = _known(steps, labels, geometry, tolerance_s)
+    true_places = _true_places(steps, labels, geometry, tolerance_s)
     return Gathered(names, positions[columns], arrivals[:, columns], true_places)
 
 
@@ -584,12 +586,12 @@ def _last(events: Sequence[Event], emits: tuple[str, ...], stage: str = "") -> S
     return named[-1] if named else None
 
 
-def _known(
+def _true_places(
     steps: Sequence[int], labels: Sequence[Label], geometry: Geometry, tolerance_s: float
 ) -> Array:
     """Return the true place of each step, by the nearest label in time, shape (m, 2)."""
     sources = {name: (x, y) for name, x, y in geometry.sources}
-    placed = [(label.time_ns, _place(label, sources)) for label in labels]
+    placed = [(label.time_ns, _position_of(label, sources)) for label in labels]
     true = [(time_ns, position) for time_ns, position in placed if position is not None]
     out = np.full((len(steps), 2), np.nan)
     if true:
@@ -601,7 +603,9 @@ def _known(
     return out
 
 
-def _place(label: Label, sources: dict[str, tuple[float, float]]) -> tuple[float, float] | None:
+def _position_of(
+    label: Label, sources: dict[str, tuple[float, float]]
+) -> tuple[float, float] | None:
     if label.kind not in ("step", "impact"):
         return None
     if label.x_m is not None and label.y_m is not None:
@@ -747,11 +751,11 @@ def place_errors(
     """Locate the impacts without and with a calibration; None where no true place is known."""
     picks = np.isfinite(gathered.times_s).sum(axis=1)
     rows = np.flatnonzero(
-        np.isfinite(gathered.known).all(axis=1) & (picks >= tdoa.POWER_LAW_UNKNOWNS)
+        np.isfinite(gathered.true_places).all(axis=1) & (picks >= tdoa.POWER_LAW_UNKNOWNS)
     )
     if not len(rows):
         return None
-    times, true = gathered.times_s[rows], gathered.known[rows]
+    times, true = gathered.times_s[rows], gathered.true_places[rows]
     before = [tdoa.locate_power_law(gathered.positions, row, room) for row in times]
     impacts = Impacts(gathered.positions, times, bounds_of(gathered.positions, room))
     after = places_on(impacts, best.floor, room, HUBER * best.sigma_s)

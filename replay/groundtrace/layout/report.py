@@ -190,7 +190,7 @@ def _advice(analysis: RoomAnalysis, advice: Advice) -> AdviceReport:
     return AdviceReport(
         "add" if moved is None else "move",
         moved,
-        *advice.place,
+        *advice.position,
         advice.method,
         advice.before_m,
         advice.after_m,
@@ -274,7 +274,7 @@ def contribution_words(analysis: RoomAnalysis) -> str:
 
 def advice_words(analysis: RoomAnalysis, advice: Advice) -> str:
     """Return what a change gains."""
-    x, y = advice.place
+    x, y = advice.position
     before, after = advice.before_m[advice.method], advice.after_m[advice.method]
     if advice.moved is None:
         what, verb = "one more sensor", "add one"
@@ -355,7 +355,7 @@ class _Sheet:
             from matplotlib.backends.backend_agg import FigureCanvasAgg
             from matplotlib.figure import Figure
 
-        self.found = analysis
+        self.analysis = analysis
         every = np.vstack([analysis.layout.outline, analysis.layout.positions])
         low, high = every.min(axis=0), every.max(axis=0)
         pad = PAD * float((high - low).max())
@@ -389,7 +389,7 @@ class _Sheet:
 
     def finish(self, axis: Axes, title: str, *, sensors: bool = True) -> None:
         """Draw walls and sensors, and say what the picture shows."""
-        layout = self.found.layout
+        layout = self.analysis.layout
         corners = np.vstack([layout.outline, layout.outline[:1]])
         axis.plot(*corners.T, color=INK, linewidth=1.4)
         if sensors:
@@ -428,7 +428,7 @@ def _mark(axis: Axes, position: tuple[float, float], name: str) -> None:
 
 
 def _draw_signs(sheet: _Sheet) -> None:
-    analysis = sheet.found
+    analysis = sheet.analysis
     signs, grid, axis = analysis.signs, analysis.sign_grid, sheet.axes(1, 0)
     most = float(signs.physical.max())
     image = _map(axis, grid, signs.physical, most)
@@ -446,7 +446,7 @@ def _regions(sheet: _Sheet) -> None:
     """Draw how often each region is confused, and mark those that are ambiguous."""
     from matplotlib.collections import LineCollection
 
-    analysis, axis = sheet.found, sheet.axes(1, 1)
+    analysis, axis = sheet.analysis, sheet.axes(1, 1)
     a, raster = analysis.ambiguity, analysis.raster
     home = region_at(a.regions, raster.nodes)
     tried = np.nan_to_num(a.confusion)
@@ -476,7 +476,7 @@ def _regions(sheet: _Sheet) -> None:
 
 def _draw_sensors(sheet: _Sheet) -> None:
     """Draw each sensor as large as its contribution, and what would be better."""
-    analysis, axis = sheet.found, sheet.axes(1, 2)
+    analysis, axis = sheet.analysis, sheet.axes(1, 2)
     layout, localizer = analysis.layout, analysis.settings.localizer
     rises = [without[localizer] for without in analysis.contributions] or [0.0] * len(
         layout.sensors
@@ -514,7 +514,7 @@ def _draw_advice(axis: Axes, analysis: RoomAnalysis, advice: Advice) -> None:
     """Draw where one more sensor, or one moved, would do best."""
     mark, name = ("*", "one more") if advice.moved is None else ("P", "moved")
     shape: dict[str, Any] = {"markersize": 14, "markeredgecolor": INK, "linestyle": "", "zorder": 4}
-    axis.plot(*advice.place, mark, color=ORANGE, label=name, **shape)
+    axis.plot(*advice.position, mark, color=ORANGE, label=name, **shape)
     if advice.moved is not None:
         start = analysis.layout.positions[advice.moved]
         arrow: dict[str, Any] = {
@@ -523,7 +523,7 @@ def _draw_advice(axis: Axes, analysis: RoomAnalysis, advice: Advice) -> None:
             "linewidth": 1.6,
             "shrinkB": 7,
         }
-        axis.annotate("", advice.place, start, arrowprops=arrow)
+        axis.annotate("", advice.position, start, arrowprops=arrow)
 
 
 def wrapped(text: str) -> str:

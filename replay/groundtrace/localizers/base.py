@@ -101,7 +101,7 @@ class RunningSigma:
     def learn(self, estimate: LocationEstimate) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
         spare = estimate.picks - self.unknowns
-        if not estimate.found or spare < 1:
+        if not estimate.located or spare < 1:
             return
         typical = (chi_square_quantile(spare, 0.0) / spare) ** 0.5
         self.sigmas_s.append(estimate.residual * (estimate.picks / spare) ** 0.5 / typical)
@@ -131,7 +131,7 @@ class ModelCheck:
     def learn(self, estimate: LocationEstimate, times_s: Array) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
         spare = estimate.picks - self.unknowns
-        if not estimate.found or spare < 1:
+        if not estimate.located or spare < 1:
             return
         scatter = float(times_s[np.isfinite(times_s)].std())
         square = (
@@ -352,7 +352,7 @@ class ArrivalLocalizer(Stage):
         arrivals = first_arrivals(
             self._picks, self._channels, item.time_ns, window_s, self._offsets_s
         )
-        self._latest_estimate = item.time_ns, self.place(item.time_ns, arrivals)
+        self._latest_estimate = item.time_ns, self.locate_step(item.time_ns, arrivals)
         yield from self._checked(item.time_ns, arrivals)
         yield place_candidate(*self._latest_estimate)
 
@@ -364,7 +364,7 @@ class ArrivalLocalizer(Stage):
             context, doubted = self._context, self._doubted
             yield location.fix(time_ns, context.plugin, context.stage, doubted=doubted)
 
-    def place(self, time_ns: int, arrivals: Array) -> LocationEstimate:
+    def locate_step(self, time_ns: int, arrivals: Array) -> LocationEstimate:
         """Return the place of the next step, by the arrivals that are taken of it.
 
         Parameters
@@ -378,7 +378,7 @@ class ArrivalLocalizer(Stage):
         if not count:
             return self.locate(arrivals)
         estimate = self.locate(self._around(time_ns, arrivals, count))
-        if estimate.found and self._passes(estimate):
+        if estimate.located and self._passes(estimate):
             self._before = time_ns, np.array([estimate.x, estimate.y])
         return estimate
 

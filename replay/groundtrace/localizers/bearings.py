@@ -76,7 +76,7 @@ class Station:
 
     name: str
     columns: tuple[int, int, int]
-    place: tuple[float, float]
+    position: tuple[float, float]
 
 
 def stations(stream: Stream, geometry: Geometry) -> tuple[Station, ...]:

@@ -246,24 +246,24 @@ class Impacts:
         Shape (m, n) [s], each row from any origin; NaN where a sensor has no arrival.
     bounds
         Shape (2, 2): lowest and highest x and y that a place may have [m].
-    known
+    true_places
         Shape (m, 2): places of controlled impacts [m]; None where they are unknown.
     """
 
     positions: Array
     times_s: Array
     bounds: Array
-    known: Array | None = None
+    true_places: Array | None = None
 
     def rows(self, index: NDArray[np.intp]) -> Impacts:
         """Return some of the impacts, in the order of ``index``."""
-        positions = None if self.known is None else self.known[index]
+        positions = None if self.true_places is None else self.true_places[index]
         return Impacts(self.positions, self.times_s[index], self.bounds, positions)
 
     @property
     def owned(self) -> int:
         """How many unknowns each impact owns: its moment, and its place where unknown."""
-        return 1 if self.known is not None else 3
+        return 1 if self.true_places is not None else 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,7 +342,7 @@ def fit(
     """
     free, prior = free or FreeParameters(), prior or ArrivalPrior()
     arrived = np.isfinite(impacts.times_s)
-    given = places if impacts.known is None else impacts.known
+    given = places if impacts.true_places is None else impacts.true_places
     point = point_at(
         impacts, arrived, start, np.array(given, np.float64), arrived.astype(np.float64)
     )
@@ -386,7 +386,7 @@ def _steps(
     for _ in range(STEPS):
         system = normal_equations(impacts, point, weight, sigma, free, prior)
         floor, places = system.step(point, free, damping)
-        if impacts.known is None:  # a room is no more than a bound, yet a strong one
+        if impacts.true_places is None:  # a room is no more than a bound, yet a strong one
             places = np.clip(places, *impacts.bounds)
         trial = point_at(impacts, weight > 0, floor, places, weight)
         reached = cost_of(trial, weight, sigma, prior)
@@ -537,10 +537,10 @@ def known_start(
     impacts: Impacts, *, offsets: bool = False, exponent: float = EXPONENT
 ) -> JointCalibration:
     """Return a first fit of impacts whose places are known: at a given exponent it is linear."""
-    assert impacts.known is not None
+    assert impacts.true_places is not None
     reference = reference_distance(impacts.positions)
     arrived = np.isfinite(impacts.times_s)
-    u = np.where(arrived, distances(impacts.known, impacts.positions) / reference, np.nan)
+    u = np.where(arrived, distances(impacts.true_places, impacts.positions) / reference, np.nan)
     farther = u**exponent - np.nanmean(u**exponent, axis=1, keepdims=True)
     late = impacts.times_s - np.nanmean(impacts.times_s, axis=1, keepdims=True)
     square = float(np.nansum(farther**2))
@@ -548,7 +548,7 @@ def known_start(
     pace = max(float(np.nansum(farther * late)) / max(square, 1e-12), 1e-6)
     floor = ArrivalModel(reference, pace, exponent, np.zeros(len(impacts.positions)))
     free = FreeParameters(exponent=False, offsets=offsets)
-    return fit(impacts, floor, impacts.known, free=free)
+    return fit(impacts, floor, impacts.true_places, free=free)
 
 
 def _first_floor(
@@ -646,14 +646,14 @@ def _pull(floor: ArrivalModel, prior: ArrivalPrior) -> Array:
 class System:
     """Normal equations: of each impact's own unknowns, of the shared ones, and across.
 
-    ``own`` has shape (m, a, a), ``across`` (m, a, s), ``shared`` (s, s); ``own_side`` (m, a) and
-    ``shared_side`` (s,) are the right-hand sides.
+    ``per_impact`` has shape (m, a, a), ``across`` (m, a, s), ``shared`` (s, s);
+    ``per_impact_side`` (m, a) and ``shared_side`` (s,) are the right-hand sides.
     """
 
-    own: Array
+    per_impact: Array
     across: Array
     shared: Array
-    own_side: Array
+    per_impact_side: Array
     shared_side: Array
 
     def reduced(self, damping: float) -> tuple[Array, Array, Array, Array]:
@@ -661,10 +661,12 @@ class System:
 
         And what brings the own ones back: the own right-hand side and the coupling, solved.
         """
-        size = self.own.shape[1]
-        ridge = np.einsum("maa->ma", self.own) * (damping + 1e-12) + 1e-12
-        damped = self.own + ridge[:, :, None] * np.eye(size)
-        solved = np.linalg.solve(damped, np.concatenate([self.own_side[..., None], self.across], 2))
+        size = self.per_impact.shape[1]
+        ridge = np.einsum("maa->ma", self.per_impact) * (damping + 1e-12) + 1e-12
+        damped = self.per_impact + ridge[:, :, None] * np.eye(size)
+        solved = np.linalg.solve(
+            damped, np.concatenate([self.per_impact_side[..., None], self.across], 2)
+        )
         side, coupling = solved[..., 0], solved[..., 1:]
         matrix = self.shared - np.einsum("mas,mat->st", self.across, coupling)
         right = self.shared_side - np.einsum("mas,ma->s", self.across, side)
@@ -681,7 +683,9 @@ class System:
         moved = np.zeros(len(matrix))
         moved[free_ones] = np.linalg.solve(inner, right[free_ones])
         moves = side - coupling @ moved
-        places = point.places if moves.shape[1] == 1 else point.places + _held(moves[:, 1:], floor)
+        places = (
+            point.places if moves.shape[1] == 1 else point.places + _limited(moves[:, 1:], floor)
+        )
         offsets = floor.offsets_s + moved[2:] if free.offsets else floor.offsets_s
         stepped = ArrivalModel(
             floor.reference_m,
@@ -692,7 +696,7 @@ class System:
         return stepped, places
 
 
-def _held(moves: Array, floor: ArrivalModel) -> Array:
+def _limited(moves: Array, floor: ArrivalModel) -> Array:
     """Return moves of places, none farther than half the reference."""
     length = np.hypot(moves[:, 0], moves[:, 1])
     allowed = np.minimum(1.0, 0.5 * floor.reference_m / np.maximum(length, 1e-12))
@@ -751,7 +755,7 @@ def _slopes(impacts: Impacts, point: Point, free: FreeParameters) -> tuple[Array
     if free.offsets:
         shared[:, np.arange(n), 2 + np.arange(n)] = 1.0
     of_impacts = np.ones((m, n, impacts.owned))
-    if impacts.known is None:
+    if impacts.true_places is None:
         slope = floor.exponent * travel / apart**2
         of_impacts[..., 1:] = slope[..., None] * (point.places[:, None] - impacts.positions)
     return of_impacts, shared

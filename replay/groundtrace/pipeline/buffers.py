@@ -75,12 +75,14 @@ class StreamSynchronizer:
             return item.continues(before)
         last_ns = max(map(_last_ns, self._items))
         reached_ns = item.end_ns if isinstance(item, Gap) else item.start_ns
-        if not any(held.topic == item.topic for held in self._items):
+        if not any(buffered.topic == item.topic for buffered in self._items):
             return reached_ns > last_ns
-        if any(isinstance(held, Gap) and held.reason == STEPPED for held in self._items):
+        if any(
+            isinstance(buffered, Gap) and buffered.reason == STEPPED for buffered in self._items
+        ):
             return True
         # what begins early in the round is of its window: the one before had little of the stream
-        first_ns = min(held.start_ns for held in self._items)
+        first_ns = min(buffered.start_ns for buffered in self._items)
         return 2 * item.start_ns >= first_ns + last_ns
 
 
@@ -99,8 +101,8 @@ def in_order(items: Sequence[Item], order: Sequence[str]) -> list[Item]:
             stepped[item.topic] = stepped.get(item.topic, 0) + (
                 item.reason == STEPPED and not item.bridged
             )
-            place = bisect_right(cuts, item.end_ns)
-            keyed.append(((stepped[item.topic], place, 0), item))
+            cut_index = bisect_right(cuts, item.end_ns)
+            keyed.append(((stepped[item.topic], cut_index, 0), item))
             continue
         first = [i for i, q in enumerate(order[:-1]) if item.stream.columns_of({q})]
         if first:
@@ -108,8 +110,8 @@ def in_order(items: Sequence[Item], order: Sequence[str]) -> list[Item]:
             continue
         last = 2 if item.stream.columns_of({order[-1]}) else 1
         for part in _parts(item, cuts):
-            place = bisect_right(cuts, part.start_ns)
-            keyed.append(((stepped.get(item.topic, 0), place, last), part))
+            cut_index = bisect_right(cuts, part.start_ns)
+            keyed.append(((stepped.get(item.topic, 0), cut_index, last), part))
     return [item for _, item in sorted(keyed, key=lambda pair: pair[0])]
 
 
@@ -160,19 +162,19 @@ class SignalBuffer:
     ahead_s: NDArray[np.float64]
     _blocks: deque[SignalBlock] = field(default_factory=deque)
     _picks: list[Pick] = field(default_factory=list)
-    _kept: Cut | None = None
+    _window: Cut | None = None
     first_ns: int | None = None
 
     def update(self, block: SignalBlock) -> None:
         """Take the next block; forget what no step can ask for any more."""
         self.pass_over(block)
         self._blocks.append(block)
-        if self._picks and self._kept is None:
+        if self._picks and self._window is None:
             first_ns = self._picks[0].time_ns
             if block.end_ns > first_ns + self.after_ns + KEEP_NS:
-                self._kept = self._cut(first_ns)
+                self._window = self._cut(first_ns)
         horizon = block.start_ns - KEEP_NS  # the picks of this block are to come
-        if self._picks and self._kept is None:
+        if self._picks and self._window is None:
             spread_ns = round(float(np.ptp(self.ahead_s)) * NS_PER_S)
             horizon = min(horizon, self._picks[0].time_ns - self.before_ns - spread_ns)
         while self._blocks and self._blocks[0].end_ns <= horizon:
@@ -185,18 +187,18 @@ class SignalBuffer:
     def pick(self, pick: Pick) -> None:
         """Take a pick: into the group under way, or as the first of the next."""
         if self._picks and pick.time_ns - self._picks[0].time_ns > self.together_ns:
-            self._picks, self._kept = [], None
+            self._picks, self._window = [], None
         self._picks.append(pick)
 
     def discard(self) -> None:
         """Forget everything: the clock was set back."""
         self._blocks.clear()
-        self._picks, self._kept, self.first_ns = [], None, None
+        self._picks, self._window, self.first_ns = [], None, None
 
     def window(self, step_ns: int) -> Cut:
         """Return the signal around a step: its first time [ns], and values in channel units."""
-        if self._kept is not None and step_ns == self._picks[0].time_ns:
-            return self._kept
+        if self._window is not None and step_ns == self._picks[0].time_ns:
+            return self._window
         return self._cut(step_ns)
 
     def arrivals(self, step_ns: int, start_ns: int) -> NDArray[np.float64]:
@@ -204,16 +206,16 @@ class SignalBuffer:
 
         By the common clock.
         """
-        found = [float("nan")] * len(self.stream.channels)
+        arrivals_s = [float("nan")] * len(self.stream.channels)
         ahead_s = self.ahead_s.tolist()
         index = {c.name: i for i, c in enumerate(self.stream.channels)}
         for pick in self._picks:
-            place = index.get(pick.channel)
-            if place is not None and pick.time_ns >= step_ns:
-                since = (pick.time_ns - start_ns) / NS_PER_S - ahead_s[place]
-                if not found[place] <= since:
-                    found[place] = since
-        return np.array(found)
+            column = index.get(pick.channel)
+            if column is not None and pick.time_ns >= step_ns:
+                since = (pick.time_ns - start_ns) / NS_PER_S - ahead_s[column]
+                if not arrivals_s[column] <= since:
+                    arrivals_s[column] = since
+        return np.array(arrivals_s)
 
     def _cut(self, step_ns: int) -> Cut:
         """Return the window of a step, held where there is no signal."""
@@ -227,9 +229,9 @@ class SignalBuffer:
         count = round((self.before_ns + self.after_ns) / period_ns)
         wide_ns, wide = self._samples(start_ns + round(low * period_ns), count + high - low)
         if low == high:
-            return wide_ns, _held(wide)
+            return wide_ns, _filled(wide)
         columns = [wide[m - low : m - low + count, c] for c, m in enumerate(moved.tolist())]
-        return wide_ns - round(low * period_ns), _held(np.column_stack(columns))
+        return wide_ns - round(low * period_ns), _filled(np.column_stack(columns))
 
     def _samples(self, start_ns: int, count: int) -> Cut:
         """Return samples from about a time on, NaN where there are none, by the clocks as are."""
@@ -252,17 +254,17 @@ def whole_samples(ahead_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.in
     return np.rint(ahead_s * rate_hz).astype(np.intp)
 
 
-def _held(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the samples with gaps filled by the nearest finite value of their channel, else 0."""
     if np.isfinite(values).all():
         return values
     filled = np.zeros_like(values)
     for column in range(values.shape[1]):
-        known = np.flatnonzero(np.isfinite(values[:, column]))
-        if len(known):
+        valid = np.flatnonzero(np.isfinite(values[:, column]))
+        if len(valid):
             index = np.arange(len(values))
-            after = np.clip(np.searchsorted(known, index), 0, len(known) - 1)
+            after = np.clip(np.searchsorted(valid, index), 0, len(valid) - 1)
             before = np.clip(after - 1, 0, None)
-            nearer = np.abs(known[before] - index) <= np.abs(known[after] - index)
-            filled[:, column] = values[np.where(nearer, known[before], known[after]), column]
+            nearer = np.abs(valid[before] - index) <= np.abs(valid[after] - index)
+            filled[:, column] = values[np.where(nearer, valid[before], valid[after]), column]
     return filled

@@ -100,9 +100,9 @@ class Pipeline:
 
     def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         """Feed an item, and what the first stage made of it, to the others; return all events."""
-        found = begun if len(self.stages) < 2 else self._passed_on(item, begun)
-        self._check.update(found, item.start_ns if isinstance(item, SignalBlock) else 0)
-        return found
+        events = begun if len(self.stages) < 2 else self._passed_on(item, begun)
+        self._check.update(events, item.start_ns if isinstance(item, SignalBlock) else 0)
+        return events
 
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         if isinstance(item, SignalBlock):
@@ -110,9 +110,9 @@ class Pipeline:
                 if getattr(stage, "buffers", False):
                     stage.buffer(item)  # type: ignore[attr-defined]
         born = [StageOutput(event) for event in begun]
-        whole = StageOutput(item, list(born))
-        propagate([*born, whole], self.stages[1:])
-        return self._stated_first(whole.events())
+        output = StageOutput(item, list(born))
+        propagate([*born, output], self.stages[1:])
+        return self._stated_first(output.events())
 
     def _stated_first(self, events: list[Event]) -> list[Event]:
         """Return events with what stages state before all others, in the order of the stages."""
@@ -125,14 +125,14 @@ class Pipeline:
 
     def flush(self) -> list[Event]:
         """End of the recording: return what the stages held back."""
-        found: list[Event] = []
+        events: list[Event] = []
         for index, stage in enumerate(self.stages):
-            held = [StageOutput(event) for event in stage.flush()]
-            propagate(held, self.stages[index + 1 :])
-            for made in held:
-                found += [made.item, *made.events()]
-        self._check.update(found)
-        return [*found, *self._check.flush()]
+            outputs = [StageOutput(event) for event in stage.flush()]
+            propagate(outputs, self.stages[index + 1 :])
+            for made in outputs:
+                events += [made.item, *made.events()]
+        self._check.update(events)
+        return [*events, *self._check.flush()]
 
 
 def build_pipeline(
@@ -182,8 +182,8 @@ def build_pipeline(
         before = dict.fromkeys(name for names in sources.values() for name in names)
         taken = [memories[name] for name in before]
         memories[stage.key] = stages[-1].memory.behind(taken)
-        if (own := stages[-1].measured) is not None:
-            measured[stage.key] = own.behind(taken)
+        if (measured_memory := stages[-1].measured) is not None:
+            measured[stage.key] = measured_memory.behind(taken)
         if TrackPoint in kind.gives:
             tracked.append(tracking(stage.key, kind, sources))
     lines = [f"{key} = {toml_value(getattr(config, key))}" for key in RECIPE_KEYS]
@@ -238,7 +238,7 @@ def _wired(
     stage: StageConfig, kind: type[Stage], before: Sequence[tuple[StageConfig, Any]]
 ) -> dict[Input, tuple[str, ...]]:
     """Return whom the inputs of a stage take from, of the stages before it."""
-    found: dict[Input, tuple[str, ...]] = {}
+    wired: dict[Input, tuple[str, ...]] = {}
     missing, unknown = [], set(stage.source)
     for need in kind.takes:
         if need.kind in (SignalBlock, Gap, Label):
@@ -251,7 +251,7 @@ def _wired(
             raise PipelineError(f"{stage.key}: expected two localizers before it, found {there}")
         if need.required and not giving:
             missing.append(GIVING[wanted])
-        found[need] = named or _of(giving, need)
+        wired[need] = named or _of(giving, need)
         unknown -= set(giving)
     if missing:
         raise PipelineError(
@@ -263,7 +263,7 @@ def _wired(
             f"{stage.key}.source: expected stages before it that give what it takes, found "
             f"{', '.join(sorted(unknown))}"
         )
-    return found
+    return wired
 
 
 def waits_s(
@@ -348,13 +348,13 @@ class StageOutput:
 
     def events(self) -> list[Event]:
         """Return what was made of the item, each event before what was made of that."""
-        found: list[Event] = []
+        ordered: list[Event] = []
         for made in self.born:
-            found.append(made.item)
+            ordered.append(made.item)
             if made.born or made.last:
-                found += made.events()
-        found += self.last
-        return found
+                ordered += made.events()
+        ordered += self.last
+        return ordered
 
 
 def propagate(line: list[StageOutput], stages: Sequence[Taking]) -> None:

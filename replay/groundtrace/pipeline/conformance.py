@@ -63,9 +63,9 @@ def rechunked(items: Iterable[T], samples: int) -> Iterator[T | SignalBlock]:
 
 def outcome(events: Iterable[Event]) -> Outcome:
     """Collect a stage's events into columns."""
-    found = list(events)
-    blocks = [e for e in found if isinstance(e, CandidateBlock)]
-    traces = [e for e in found if isinstance(e, TraceBlock)]
+    collected = list(events)
+    blocks = [e for e in collected if isinstance(e, CandidateBlock)]
+    traces = [e for e in collected if isinstance(e, TraceBlock)]
 
     def column(parts: list[NDArray[Any]], empty: type[Any]) -> NDArray[Any]:
         return np.concatenate(parts) if parts else np.empty(0, empty)
@@ -78,7 +78,7 @@ def outcome(events: Iterable[Event]) -> Outcome:
         column([b.accepted for b in blocks], np.bool_),
         column([t.time_ns for t in traces], np.int64),
         column([t.value for t in traces], np.float32),
-        tuple(e for e in found if isinstance(e, Pick | StepEvent | Fix)),
+        tuple(e for e in collected if isinstance(e, Pick | StepEvent | Fix)),
     )
 
 
@@ -95,13 +95,13 @@ class ToldCurves:
 
     def take(self, stage: StageRunner, topic: str) -> None:
         """Keep what is new: a detector that holds nothing back tells its last piece again."""
-        curve, known = stage.curve(topic), self._pieces.get(topic, [])
+        curve, pieces = stage.curve(topic), self._pieces.get(topic, [])
         if curve is None or not len(curve.time_ns):
             return
-        if not known or curve.time_ns[-1] > known[-1].time_ns[-1]:
-            self._pieces[topic] = [*known, curve]
+        if not pieces or curve.time_ns[-1] > pieces[-1].time_ns[-1]:
+            self._pieces[topic] = [*pieces, curve]
 
-    def whole(self, topic: str) -> Curve:
+    def curve(self, topic: str) -> Curve:
         """Return what was told of a topic, in one piece."""
         pieces = self._pieces[topic]
         return Curve(
@@ -111,17 +111,17 @@ class ToldCurves:
 
 def run(stage: StageRunner, items: Iterable[Item], curves: ToldCurves | None = None) -> Outcome:
     """Feed items to a stage and flush it; keep in ``curves`` the decision functions it tells."""
-    told = ToldCurves() if curves is None else curves
+    decision_curves = ToldCurves() if curves is None else curves
     events: list[Event] = []
     topics: dict[str, None] = {}
     for item in items:
         topic = topic_of(item)
         topics[topic] = None
         events += stage.process(item)
-        told.take(stage, topic)
+        decision_curves.take(stage, topic)
     events += stage.flush()
     for topic in topics:
-        told.take(stage, topic)
+        decision_curves.take(stage, topic)
     return outcome(events)
 
 
@@ -178,18 +178,18 @@ def check_stage(
     parameters = kind.Parameters() if parameters is None else parameters
     check_description(kind)
     curves = ToldCurves()
-    whole = run(_stage(kind, parameters), items, curves)
-    assert len(whole.times), "expected candidates in what the stage is meant for, found none"
-    check_gates(kind, whole)
+    reference = run(_stage(kind, parameters), items, curves)
+    assert len(reference.times), "expected candidates in what the stage is meant for, found none"
+    check_gates(kind, reference)
     for size in block_sizes:
         parts, what = ToldCurves(), f"blocks of {size} samples"
-        assert_same(whole, run(_stage(kind, parameters), rechunked(items, size), parts), what)
+        assert_same(reference, run(_stage(kind, parameters), rechunked(items, size), parts), what)
         assert_same_curves(curves, parts, what)
-    check_state(kind, parameters, items, whole)
-    check_restart(kind, parameters, items, whole)
+    check_state(kind, parameters, items, reference)
+    check_restart(kind, parameters, items, reference)
     if detects(kind):
         check_faults(kind, parameters, items)
-    return whole
+    return reference
 
 
 def _stage(kind: type[Stage], parameters: Any) -> StageRunner:
@@ -207,24 +207,28 @@ def check_description(kind: type[Stage]) -> None:
     assert kind.__doc__, "expected a docstring"
 
 
-def check_gates(kind: type[Stage], found: Outcome) -> None:
+def check_gates(kind: type[Stage], stage_outcome: Outcome) -> None:
     """Check that candidates have all margins and are accepted just where all are passed."""
-    rows, gates = found.margins.shape
-    assert rows == len(found.times), f"margins: expected {len(found.times)} rows"
+    rows, gates = stage_outcome.margins.shape
+    assert rows == len(stage_outcome.times), f"margins: expected {len(stage_outcome.times)} rows"
     assert gates <= len(kind.gates), f"margins: expected at most {len(kind.gates)} gates"
-    passed = (found.margins >= 0).all(axis=1)
-    assert np.array_equal(passed, found.accepted), "accepted: expected where all margins are >= 0"
-    order = np.lexsort((found.channels, found.times))
+    passed = (stage_outcome.margins >= 0).all(axis=1)
+    assert np.array_equal(passed, stage_outcome.accepted), (
+        "accepted: expected where all margins are >= 0"
+    )
+    order = np.lexsort((stage_outcome.channels, stage_outcome.times))
     assert np.array_equal(order, np.arange(len(order))), "expected the order of (time, channel)"
     if kind.decided is Stage.decided:  # else it is told otherwise, as in spans
-        assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
+        assert len(stage_outcome.events) == int(stage_outcome.accepted.sum()), (
+            "expected an event for each accepted"
+        )
 
 
 def assert_same_curves(one: ToldCurves, other: ToldCurves, what: str) -> None:
     """Raise where decision functions differ, or are not in the order of time."""
     assert one.topics == other.topics, f"{what}: expected curves of {one.topics}"
     for topic in one.topics:
-        a, b = one.whole(topic), other.whole(topic)
+        a, b = one.curve(topic), other.curve(topic)
         assert (np.diff(a.time_ns) > 0).all(), f"{topic}: expected a curve in the order of time"
         same = np.array_equal(a.time_ns, b.time_ns) and np.allclose(
             a.value, b.value, TOLERANCE, TOLERANCE, equal_nan=True
@@ -232,7 +236,9 @@ def assert_same_curves(one: ToldCurves, other: ToldCurves, what: str) -> None:
         assert same, f"{what}: expected the same curve of {topic}, found another"
 
 
-def check_state(kind: type[Stage], parameters: Any, items: Sequence[Item], whole: Outcome) -> None:
+def check_state(
+    kind: type[Stage], parameters: Any, items: Sequence[Item], reference: Outcome
+) -> None:
     """Check that a copy of a stage goes on as the stage does, and neither disturbs the other."""
     parts = list(rechunked(items, 200))
     middle = len(parts) // 2
@@ -241,11 +247,11 @@ def check_state(kind: type[Stage], parameters: Any, items: Sequence[Item], whole
     second = copy.deepcopy(first)
     for stage, what in ((first, "a stage that was copied"), (second, "a copy of a stage")):
         after = [event for item in parts[middle:] for event in stage.process(item)]
-        assert_same(whole, outcome([*before, *after, *stage.flush()]), what)
+        assert_same(reference, outcome([*before, *after, *stage.flush()]), what)
 
 
 def check_restart(
-    kind: type[Stage], parameters: Any, items: Sequence[Item], whole: Outcome
+    kind: type[Stage], parameters: Any, items: Sequence[Item], reference: Outcome
 ) -> None:
     """Check that after a run has ended, where the clock steps, the next gives what a new one would.
 
@@ -256,7 +262,7 @@ def check_restart(
     gaps = [Gap(topic, last_ns, last_ns, CLOCK_STEP, 0) for topic in topics]
     twice = run(_stage(kind, parameters), [*items, *gaps, *items])
     for name in ("times", "channels", "accepted", "trace_times"):
-        once, both = getattr(whole, name), getattr(twice, name)
+        once, both = getattr(reference, name), getattr(twice, name)
         same = np.array_equal(np.concatenate([once, once]), both)
         assert same, f"flushed and started again: expected the same {name} as of a new stage"
 
@@ -268,8 +274,10 @@ def check_faults(kind: type[Stage], parameters: Any, items: Sequence[Item]) -> N
     assert not len(nothing.times), "no samples: expected no candidates"
     for name, change in FAULTS.items():
         faulty = [_changed(block, change) for block in blocks]
-        found = run(_stage(kind, parameters), faulty)
-        assert np.isfinite(found.values[found.accepted]).all(), f"{name}: expected finite values"
+        faulty_outcome = run(_stage(kind, parameters), faulty)
+        assert np.isfinite(faulty_outcome.values[faulty_outcome.accepted]).all(), (
+            f"{name}: expected finite values"
+        )
     still = run(_stage(kind, parameters), [_changed(b, lambda x: np.zeros_like(x)) for b in blocks])
     assert not still.accepted.any(), "silence: expected nothing accepted"
     check_gap(kind, parameters, blocks)

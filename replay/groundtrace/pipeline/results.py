@@ -102,8 +102,8 @@ class Provenance:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
-    found = {name: version(name) for name in PACKAGES if name != "groundtrace"}
-    return {"python": platform.python_version(), "groundtrace": installed_version()} | found
+    versions = {name: version(name) for name in PACKAGES if name != "groundtrace"}
+    return {"python": platform.python_version(), "groundtrace": installed_version()} | versions
 
 
 def file_sha256(path: Path) -> str:
@@ -401,7 +401,7 @@ def room_for(path: Path, *written: Path) -> Iterator[None]:
     except (NoRoomError, OutputError) as error:  # of a place that goes with the block
         raise OutputError(path, error.reason) from error
     except OSError as error:
-        places = {str(place) for place in (path, *written)}
+        places = {str(output) for output in (path, *written)}
         of = {str(error.filename), *map(str, Path(str(error.filename)).parents)}
         if error.errno not in NO_ROOM and not places & of:
             raise
@@ -441,7 +441,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 def _beginning(*places: Path) -> list[Path]:
     """Return what is there of some places, and what their writers began beside them."""
-    folder, names = places[0].parent, tuple(place.name for place in places)
+    folder, names = places[0].parent, tuple(path.name for path in places)
     return [p for p in folder.iterdir() if p.name.startswith(names)] if folder.is_dir() else []
 
 
@@ -498,10 +498,10 @@ class StageEvidence:
             if gate.parameter != Refractory().parameter:
                 continue
             since_s = self.gate_value[first, column].astype(np.float64)
-            known = np.isfinite(since_s)
-            back_ns = np.rint(since_s[known] * NS_PER_S).astype(np.int64)
-            last_ns = self.candidates.time_ns[first[known]] - back_ns
-            pairs = zip(channels[known].tolist(), last_ns.tolist(), strict=True)
+            valid = np.isfinite(since_s)
+            back_ns = np.rint(since_s[valid] * NS_PER_S).astype(np.int64)
+            last_ns = self.candidates.time_ns[first[valid]] - back_ns
+            pairs = zip(channels[valid].tolist(), last_ns.tolist(), strict=True)
             state.last_ns[gate.name] = dict(pairs)
         return state
 

@@ -144,11 +144,11 @@ class Source:
         read_ns = self._begin()
         wanted = (self.topics, read_ns, self.stop_ns, self.block_ns)
         for log_ns, block in self.recording.blocks(*wanted):
-            own = log_ns // self.width_ns
-            if own > window:
+            block_window = log_ns // self.width_ns
+            if block_window > window:
                 if waiting:
                     yield window, self._drain(waiting)
-                window = own
+                window = block_window
             for item in map(self._begun, self._followed(block)):
                 if item is None:
                     continue
@@ -172,21 +172,19 @@ class Source:
     def _begin(self) -> int | None:
         """Return from where on to read, and take runs as begun that were begun before [ns]."""
         start_ns, topics = self.start_ns, [stream.topic for stream in self.streams]
-        known = self._runs
-        if known is None and self._in_whole and start_ns is not None:
+        runs = self._runs
+        if runs is None and self._in_whole and start_ns is not None:
             counted = isinstance(self.recording, Recording)
-            known = (
-                runs_before(self.recording, topics, start_ns, self.bridge_s) if counted else None
-            )
-            if known is None:
+            runs = runs_before(self.recording, topics, start_ns, self.bridge_s) if counted else None
+            if runs is None:
                 return None
-        if known is None or start_ns is None:
+        if runs is None or start_ns is None:
             return start_ns
         for stream in self.recording.streams:
-            if stream.topic in known:
+            if stream.topic in runs:
                 self._trackers[stream.topic] = tracker = run_tracker(stream, self.bridge_s)
-                tracker.resume(known[stream.topic])
-        return min([start_ns, *(run.time_ns for run in known.values())])
+                tracker.resume(runs[stream.topic])
+        return min([start_ns, *(run.time_ns for run in runs.values())])
 
     def _followed(self, block: SignalBlock) -> Iterator[SignalBlock | Gap]:
         """Yield what a recorded block adds to the run of its stream."""
@@ -208,10 +206,10 @@ class Source:
 
     def _drain(self, waiting: dict[str, list[SignalBlock | Gap]]) -> list[SignalBlock | Gap]:
         """Take what waits, stream by stream, with what continues each other joined."""
-        found: list[SignalBlock | Gap] = []
+        items: list[SignalBlock | Gap] = []
         for stream in self.recording.streams:
-            found += joined(waiting.pop(stream.topic, []))
-        return found
+            items += joined(waiting.pop(stream.topic, []))
+        return items
 
 
 def joined(items: list[SignalBlock | Gap]) -> Iterator[SignalBlock | Gap]:
@@ -518,7 +516,7 @@ def runs_before(
     By topic; a stream that begins later has none. None where they are not to be known without
     reading all that is before, or that is nothing, and of what is no file.
     """
-    found: dict[str, RunBefore] = {}
+    runs: dict[str, RunBefore] = {}
     if not isinstance(recording, Recording):
         return None
     for topic in topics:
@@ -529,8 +527,8 @@ def runs_before(
             run = run_before(counted, start_ns, bridge_s)
             if run is None:
                 return None
-            found[topic] = run
-    return found or None
+            runs[topic] = run
+    return runs or None
 
 
 def run_before(counted: CountedMessages, start_ns: int, bridge_s: float) -> RunBefore | None:
@@ -542,17 +540,17 @@ def run_before(counted: CountedMessages, start_ns: int, bridge_s: float) -> RunB
     """
     looked: dict[int, SignalBlock] = {}
 
-    def first_of(place: int) -> SignalBlock:
-        if place not in looked:
-            block = next(counted.blocks(place), None) if place >= 0 else None
+    def first_of(chunk_index: int) -> SignalBlock:
+        if chunk_index not in looked:
+            block = next(counted.blocks(chunk_index), None) if chunk_index >= 0 else None
             if block is None or len(looked) >= LOOKS:
                 raise LookupError
-            looked[place] = block
-        return looked[place]
+            looked[chunk_index] = block
+        return looked[chunk_index]
 
-    def lost(place: int) -> int:
+    def lost(chunk_index: int) -> int:
         """Return how many samples are missing before a chunk."""
-        return first_of(place).first - len(first_of(0)) * int(counted.before[place])
+        return first_of(chunk_index).first - len(first_of(0)) * int(counted.before[chunk_index])
 
     chunk = counted.chunk_at(start_ns)
     try:
@@ -614,7 +612,7 @@ class NonFiniteHold:
     last_ns: int = 0
     _last: NDArray[Any] | None = None
 
-    def held(self, block: SignalBlock) -> SignalBlock:
+    def fill(self, block: SignalBlock) -> SignalBlock:
         """Return the block with every sample finite; the same object where it was."""
         samples = block.samples
         if samples.dtype.kind != "f" or not len(block):
@@ -625,9 +623,9 @@ class NonFiniteHold:
             self.count += int((~finite).sum())
             self.last_ns = block.time_of(int(np.flatnonzero(~finite.all(axis=1))[-1]))
             extended = np.concatenate([before[None, :], samples])
-            known = np.concatenate([np.ones((1, samples.shape[1]), np.bool_), finite])
+            valid = np.concatenate([np.ones((1, samples.shape[1]), np.bool_), finite])
             rows = np.arange(len(extended))[:, None]
-            source = np.maximum.accumulate(np.where(known, rows, 0), axis=0)
+            source = np.maximum.accumulate(np.where(valid, rows, 0), axis=0)
             samples = np.take_along_axis(extended, source, axis=0)[1:]
             block = replace(block, samples=samples)
         self._last = samples[-1].copy()

@@ -61,11 +61,11 @@ def in_spans(pipeline: Pipeline) -> tuple[str, ...]:
 
 def measured_in_spans(pipeline: Pipeline) -> tuple[str, ...]:
     """Return the names of the stages that learn in one go from what spans measure for them."""
-    whole = in_spans(pipeline)
+    span_stages = in_spans(pipeline)
     return tuple(
         name
         for name, memory in pipeline.measured.items()
-        if name not in whole and None not in (memory.warm_up_s, memory.delay_s)
+        if name not in span_stages and None not in (memory.warm_up_s, memory.delay_s)
     )
 
 
@@ -121,7 +121,7 @@ class JoinState:
         State of each topic's run of samples.
     decided
         The events of the last seconds before.
-    held
+    pending
         The events that would come if the recording ended here.
     stated
         Stage and topic of all that was stated so far.
@@ -129,7 +129,7 @@ class JoinState:
 
     runs: Mapping[str, Any]
     decided: tuple[Event, ...]
-    held: tuple[Event, ...]
+    pending: tuple[Event, ...]
     stated: frozenset[tuple[str, str]]
 
     def after(self, before: JoinState) -> JoinState:
@@ -142,9 +142,11 @@ class JoinState:
             return "runs of samples"
         if self.stated != true.stated:
             return "stages that began"
-        if not alike(self.decided, true.decided):
+        if not same_events(self.decided, true.decided):
             return "what was decided"
-        if not alike(self.held, true.held) or _notes(self.held) != _notes(true.held):
+        if not same_events(self.pending, true.pending) or _notes(self.pending) != _notes(
+            true.pending
+        ):
             return "what stages hold back"
         return ""
 
@@ -181,7 +183,7 @@ class SpanReplay:
     ----------
     items
         What came of the recording, and what was made of it, in order.
-    held
+    pending
         By stage, what comes at the recording's end; of the last span alone.
     begin, end
         Where it began and ended, to compare; None at the recording's begin and end.
@@ -190,7 +192,7 @@ class SpanReplay:
     """
 
     items: list[tuple[Unit | Gap, Made]]
-    held: Made | None
+    pending: Made | None
     begin: JoinState | None
     end: JoinState | None
     damage: tuple[Damage, ...] = ()
@@ -218,13 +220,13 @@ class RecordedStages:
 
     def flush(self) -> Made:
         """End the recording; return what each stage held back."""
-        found: Made = {}
+        made: Made = {}
         for index, stage in enumerate(self._stages):
-            found[stage.name] = [(event, {}) for event in stage.flush()]
-            self._through(found[stage.name], self._stages[index + 1 :])
-        return found
+            made[stage.name] = [(event, {}) for event in stage.flush()]
+            self._through(made[stage.name], self._stages[index + 1 :])
+        return made
 
-    def held(self) -> Made:
+    def pending(self) -> Made:
         """Return what `flush` would, and go on as if it had not been asked."""
         return copy.deepcopy(self).flush()
 
@@ -245,9 +247,9 @@ class RecordedStages:
 def events_in(made: Made) -> Iterator[Event]:
     """Yield the events that were made of something, each before what was made of it."""
     for born in made.values():
-        for event, own in born:
+        for event, derived in born:
             yield event
-            yield from events_in(own)
+            yield from events_in(derived)
 
 
 def replay_span(recording: Recording, pipeline: Pipeline, span: Span) -> SpanReplay:
@@ -260,12 +262,12 @@ def replay_span(recording: Recording, pipeline: Pipeline, span: Span) -> SpanRep
     span
         What is to be replayed.
     """
-    whole, measured = set(in_spans(pipeline)), set(measured_in_spans(pipeline))
+    span_stages, measured = set(in_spans(pipeline)), set(measured_in_spans(pipeline))
     stages = RecordedStages(
         [
             stage.beforehand() if stage.name in measured else stage
             for stage in pipeline.stages
-            if isinstance(stage, StageRunner) and stage.name in whole | measured
+            if isinstance(stage, StageRunner) and stage.name in span_stages | measured
         ]
     )
     source = _source_of(recording, span)
@@ -276,23 +278,26 @@ def replay_span(recording: Recording, pipeline: Pipeline, span: Span) -> SpanRep
     begin: JoinState | None = None
 
     def standing(window: int) -> JoinState:
-        last = tuple(e for at, found in recent if at >= window - span.checked for e in found)
-        return JoinState(runs, last, tuple(events_in(stages.held())), frozenset(stated))
+        last = tuple(e for at, events in recent if at >= window - span.checked for e in events)
+        return JoinState(runs, last, tuple(events_in(stages.pending())), frozenset(stated))
 
     for window, given in source.windows():
         if span.first is not None and begin is None and window >= span.first:
             begin = standing(span.first)
         if span.stop is not None and window >= span.stop:
             break
-        own = span.first is None or window >= span.first
-        found: list[Event] = []
+        in_span = span.first is None or window >= span.first
+        events: list[Event] = []
         for item in given:
             made = stages.process(item)
-            if own:
+            if in_span:
                 items.append((Unit.of(item) if isinstance(item, SignalBlock) else item, made))
-            found += events_in(made)
-        stated |= {(e.stage, e.topic) for e in found if isinstance(e, StageSpec)}
-        recent = [*(kept for kept in recent if kept[0] >= window - span.checked), (window, found)]
+            events += events_in(made)
+        stated |= {(e.stage, e.topic) for e in events if isinstance(e, StageSpec)}
+        recent = [
+            *(entry for entry in recent if entry[0] >= window - span.checked),
+            (window, events),
+        ]
         runs = source.states
     if span.first is not None and begin is None:  # nothing was recorded from there on
         begin = standing(span.first)
@@ -310,27 +315,27 @@ def _source_of(recording: Recording, span: Span) -> Source:
     start_ns = span.warm * source.width_ns - late_ns
     topics = [stream.topic for stream in source.streams]
     if span.runs is not None:
-        known = {t: RunBefore(start_ns, *begin) for t, begin in span.runs.items()}
+        runs = {t: RunBefore(start_ns, *begin) for t, begin in span.runs.items()}
     else:
-        found = runs_before(recording, topics, start_ns)
-        known = _without_gap(recording, topics, start_ns) if found is None else found
-    return Source(recording, start_ns=start_ns, runs=known)
+        indexed_runs = runs_before(recording, topics, start_ns)
+        runs = _without_gap(recording, topics, start_ns) if indexed_runs is None else indexed_runs
+    return Source(recording, start_ns=start_ns, runs=runs)
 
 
 def _without_gap(
     recording: Recording, topics: Iterable[str], start_ns: int
 ) -> dict[str, RunBefore]:
     """Return the runs that go on at a time if there was no gap before: the join tells if so."""
-    found = {}
+    runs = {}
     for topic in topics:
         first = next((block for _, block in recording.blocks([topic])), None)
         if first is not None and first.start_ns < start_ns:
             base = 0 if first.times_ns is not None else first.first
-            found[topic] = RunBefore(start_ns, first.start_ns, base)
-    return found
+            runs[topic] = RunBefore(start_ns, first.start_ns, base)
+    return runs
 
 
-def alike(one: Iterable[Event], other: Iterable[Event]) -> bool:
+def same_events(one: Iterable[Event], other: Iterable[Event]) -> bool:
     """Return whether events are the same, but for what rounding and a begin in the middle change.
 
     Times and verdicts are compared, and values up to :data:`ROUNDING`. The time since the last
@@ -348,7 +353,7 @@ def _notes(events: Iterable[Event]) -> list[Note]:
 
 
 def _columns(events: Iterable[Event]) -> dict[tuple[str, ...], Any]:
-    found: dict[tuple[str, ...], list[Any]] = defaultdict(list)
+    columns: dict[tuple[str, ...], list[Any]] = defaultdict(list)
     for event in events:
         if isinstance(event, Note | StageSpec | Gap):
             continue
@@ -357,10 +362,10 @@ def _columns(events: Iterable[Event]) -> dict[tuple[str, ...], Any]:
             names = ["time_ns", "value"]
             names += ["channel", "accepted"] if isinstance(event, CandidateBlock) else []
             for name in names:
-                found[event.spec.stage, event.spec.topic, kind, name].append(getattr(event, name))
+                columns[event.spec.stage, event.spec.topic, kind, name].append(getattr(event, name))
         elif not event.stage.endswith(SMOOTHED):
-            found[event.stage, getattr(event, "topic", ""), kind].append([event.time_ns])
-    return {key: np.concatenate(parts) for key, parts in found.items()}
+            columns[event.stage, getattr(event, "topic", ""), kind].append([event.time_ns])
+    return {key: np.concatenate(parts) for key, parts in columns.items()}
 
 
 def _equal(one: Any, other: Any) -> bool:
@@ -376,7 +381,7 @@ class _Known:
     """What is known to be made of the items under way, by what they are."""
 
     made: dict[int, Made] = field(default_factory=dict)
-    held: Made = field(default_factory=dict)
+    pending: Made = field(default_factory=dict)
 
 
 class Played:
@@ -388,16 +393,16 @@ class Played:
     ----------
     stage
         The stage.
-    known
+    replayed
         What was made of the item under way; filled by `joined`.
     """
 
     in_step = True
 
-    def __init__(self, stage: StageRunner, known: _Known) -> None:
+    def __init__(self, stage: StageRunner, replayed: _Known) -> None:
         self.name = stage.name
         self._stage = stage
-        self._known = known
+        self._replayed = replayed
         self._carry: dict[str, GateState] = {}
         gates = stage.kind.gates
         plain = bool(gates) and all(isinstance(gate, Level) for gate in gates[:-1])
@@ -408,7 +413,7 @@ class Played:
 
     def process(self, item: Any) -> list[Event]:
         """Return what was made of an item."""
-        return self._given(self._known.made.get(id(item), {}).get(self.name, ()), item)
+        return self._given(self._replayed.made.get(id(item), {}).get(self.name, ()), item)
 
     def process_all(self, items: Sequence[Any]) -> list[list[Event]]:
         """Return what was made of each of some items."""
@@ -416,18 +421,18 @@ class Played:
 
     def flush(self) -> list[Event]:
         """Return what was held back at the recording's end."""
-        return self._given(self._known.held.get(self.name, ()), None)
+        return self._given(self._replayed.pending.get(self.name, ()), None)
 
     def _given(self, born: Iterable[tuple[Event, Made]], item: Any) -> list[Event]:
         if isinstance(item, Gap) and item.reason == CLOCK_STEP and not item.bridged:
             self._carry.clear()
-        found = []
+        events = []
         for event, made in born:
             given = self._decided(event) if isinstance(event, CandidateBlock) else event
             if made:
-                self._known.made[id(given)] = made
-            found.append(given)
-        return found
+                self._replayed.made[id(given)] = made
+            events.append(given)
+        return events
 
     def _decided(self, block: CandidateBlock) -> CandidateBlock:
         carry = self._carry.setdefault(block.spec.topic, GateState())
@@ -453,16 +458,16 @@ class Learning:
     ----------
     stage
         The stage.
-    known
+    replayed
         What was made of the item under way; filled by `joined`.
     """
 
     in_step = True
     buffers = True
 
-    def __init__(self, stage: StageRunner, known: _Known) -> None:
+    def __init__(self, stage: StageRunner, replayed: _Known) -> None:
         self.name = stage.name
-        self._known = known
+        self._replayed = replayed
         self._measures: deque[StepMeasure] = deque()
         self._stage = stage.with_measures(self._measures)
 
@@ -472,7 +477,7 @@ class Learning:
 
     def process(self, item: Any) -> list[Event]:
         """Return what the stage makes of an item."""
-        made: Iterable[Any] = self._known.made.get(id(item), {}).get(self.name, ())
+        made: Iterable[Any] = self._replayed.made.get(id(item), {}).get(self.name, ())
         self._measures.extend(event for event, _ in made if isinstance(event, StepMeasure))
         return self._stage.process(item)
 
@@ -504,42 +509,42 @@ def joined(
     signal
         What a source of the whole gives, where samples are wanted; else None.
     """
-    known = _Known()
+    replayed = _Known()
     made, measured = in_spans(pipeline), measured_in_spans(pipeline)
     stages: list[Taking] = []
     for stage in pipeline.stages:
         if isinstance(stage, StageRunner) and stage.name in made:
-            stages.append(Played(stage, known))
+            stages.append(Played(stage, replayed))
         elif isinstance(stage, StageRunner) and stage.name in measured:
-            stages.append(Learning(stage, known))
+            stages.append(Learning(stage, replayed))
         else:
             stages.append(stage)
-    whole = pipeline.with_stages(stages)
-    return whole, _items(known, {s.topic: s for s in streams}, spans, signal)
+    joined_pipeline = pipeline.with_stages(stages)
+    return joined_pipeline, _items(replayed, {s.topic: s for s in streams}, spans, signal)
 
 
 def _items(
-    known: _Known,
+    replayed: _Known,
     streams: Mapping[str, Stream],
     spans: Iterator[SpanReplay],
     signal: Iterable[SignalBlock | Gap | Note] | None,
 ) -> Iterator[SignalBlock | Gap | Note]:
-    own = iter(()) if signal is None else iter(signal)
+    signal_items = iter(()) if signal is None else iter(signal)
     for span in spans:
         for unit, made in span.items:
             item: Any = unit
             if signal is not None:
-                while isinstance(item := next(own), Note):
+                while isinstance(item := next(signal_items), Note):
                     yield item
-                told = Unit.of(item) if isinstance(item, SignalBlock) else item
-                assert told == unit  # both are read by the same rules
+                read_unit = Unit.of(item) if isinstance(item, SignalBlock) else item
+                assert read_unit == unit  # both are read by the same rules
             elif isinstance(unit, Unit):
                 item = unit.block(streams[unit.topic])
-            known.made = {id(item): made}
+            replayed.made = {id(item): made}
             yield item
-        if span.held is not None:
-            known.held = span.held
-    yield from own
+        if span.pending is not None:
+            replayed.pending = span.pending
+    yield from signal_items
 
 
 def spans_of(recording: Recording, warm_s: float, count: int) -> list[Span]:

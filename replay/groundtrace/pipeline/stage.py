@@ -105,8 +105,8 @@ class Memory:
 
 
 def _longest(times_s: Sequence[float | None]) -> float | None:
-    known = [time_s for time_s in times_s if time_s is not None]
-    return max(known, default=0.0) if len(known) == len(times_s) else None
+    defined_s = [time_s for time_s in times_s if time_s is not None]
+    return max(defined_s, default=0.0) if len(defined_s) == len(times_s) else None
 
 
 def _added(one_s: float | None, other_s: float | None) -> float | None:
@@ -415,7 +415,7 @@ class _State:
     ----------
     instances
         At work, or refused.
-    heard
+    columns
         The wanted columns of each topic that was heard of; none where it is left alone.
     stated
         What stages that are taken from state, by their name and topic.
@@ -428,7 +428,7 @@ class _State:
     """
 
     instances: dict[str, _Instance | _Refused] = field(default_factory=dict)
-    heard: dict[str, list[int]] = field(default_factory=dict)
+    columns: dict[str, list[int]] = field(default_factory=dict)
     stated: dict[tuple[str, str], StageSpec] = field(default_factory=dict)
     early: dict[str, list[Any]] = field(default_factory=dict)
     buffers: dict[str, tuple[list[int], SignalBuffer] | None] = field(default_factory=dict)
@@ -560,9 +560,9 @@ class StageRunner:
         if topic not in buffers:
             columns = self._columns(block.stream)
             buffers[topic] = (columns, self._recall(block.stream, columns)) if columns else None
-        kept = buffers[topic]
-        if kept is not None:
-            columns, recall = kept
+        entry = buffers[topic]
+        if entry is not None:
+            columns, recall = entry
             if self._given is None:
                 recall.update(block.select(columns))
             else:
@@ -630,7 +630,7 @@ class StageRunner:
             made = again.process_all(list(given))
             return [event for events in made for event in events] + again.flush()
         out: list[Event] = []
-        found: dict[str, list[Candidates]] = {}
+        candidates: dict[str, list[Candidates]] = {}
         for item in given:
             if isinstance(item, StageSpec):
                 again._take_spec(item, out)
@@ -638,15 +638,21 @@ class StageRunner:
                 key = self._key_of(topic_of(item), "")
                 instance = again._state.instances.get(key)
                 if isinstance(instance, _Instance):
-                    parts = found.setdefault(key, [])
+                    parts = candidates.setdefault(key, [])
                     parts += [x for x in instance.stage.process(item) if isinstance(x, Candidates)]
         blocks = []
         for key, instance in again._state.instances.items():
             if isinstance(instance, _Instance):
-                held = [x for x in instance.stage.flush() if isinstance(x, Candidates)]
-                parts = [Candidates.empty(len(instance.spec.columns)), *found.get(key, []), *held]
-                whole = Candidates.concatenate(parts)
-                blocks.append(decided_block(instance.spec, whole, self.kind, self.parameters)[0])
+                flushed = [x for x in instance.stage.flush() if isinstance(x, Candidates)]
+                parts = [
+                    Candidates.empty(len(instance.spec.columns)),
+                    *candidates.get(key, []),
+                    *flushed,
+                ]
+                all_candidates = Candidates.concatenate(parts)
+                blocks.append(
+                    decided_block(instance.spec, all_candidates, self.kind, self.parameters)[0]
+                )
         return [*out, *blocks, *(event for block in blocks for event in accepted_events(block))]
 
     def _fresh_state(self) -> _State:
@@ -680,10 +686,10 @@ class StageRunner:
             out += _never_passed(instance, block.start_ns)
         if not (self._signal and len(block)):
             return
-        columns = self._state.heard.get(block.topic)
+        columns = self._state.columns.get(block.topic)
         if columns is None:
             columns = self._columns(block.stream)
-            self._state.heard[block.topic] = columns
+            self._state.columns[block.topic] = columns
             if not columns:
                 self._state.early.pop(block.topic, None)
         if not columns:
@@ -701,8 +707,8 @@ class StageRunner:
                 self._end_at(item, out)
             else:
                 self._receive(item, out)
-        for key, kept in self._state.early.items():
-            self._state.early[key] = _recent(kept, self.kind.rounds[:-1])
+        for key, waiting in self._state.early.items():
+            self._state.early[key] = _recent(waiting, self.kind.rounds[:-1])
 
     def _receive(self, block: SignalBlock, out: list[Event]) -> None:
         """Give a narrowed block to its instance, or to all where it is taken from anywhere."""
@@ -823,10 +829,10 @@ class StageRunner:
         self, key: str, topic: str, stream: Stream, time_ns: int | None, out: list[Event]
     ) -> _Instance | _Refused | None:
         """Begin an instance where all is known that is required, by a stream or a stage's word."""
-        kept = self._state.buffers.get(topic)
-        if not self._sources_known(topic) or (self._buffered and kept is None):
+        entry = self._state.buffers.get(topic)
+        if not self._sources_known(topic) or (self._buffered and entry is None):
             return None
-        recall = None if kept is None else kept[1]
+        recall = None if entry is None else entry[1]
         stream = self._worn(stream) if recall is None else recall.stream
         context = Context(
             self.name,
@@ -894,13 +900,13 @@ class StageRunner:
     def _stated_by(self, topic: str) -> dict[str, StageSpec | None]:
         """Return what is stated of the stages that are taken from, by name, in order."""
         stated = self._state.stated
-        found: dict[str, StageSpec | None] = {}
+        specs: dict[str, StageSpec | None] = {}
         for need in self._events:
             given = self._sources.get(need)
             for name in [stage for stage, _ in stated] if given is None else given:
-                own = [spec for (stage, _), spec in stated.items() if stage == name]
-                found[name] = stated.get((name, topic), own[0] if own else None)
-        return found
+                stage_specs = [spec for (stage, _), spec in stated.items() if stage == name]
+                specs[name] = stated.get((name, topic), stage_specs[0] if stage_specs else None)
+        return specs
 
     def _worn(self, stream: Stream) -> Stream:
         """Return a stream with the placement that it states, or else the one that is known."""
@@ -918,7 +924,7 @@ class StageRunner:
         if isinstance(item, SignalBlock):
             if instance.start_ns is None and not self.kind.rounds:
                 instance.start_ns = item.start_ns
-            item = instance.holder.held(item) if self._holds else item
+            item = instance.holder.fill(item) if self._holds else item
         self._make(instance, instance.stage.process(item), out)
 
     def _make(self, instance: _Instance, outputs: Iterable[Output], out: list[Event]) -> None:
@@ -933,13 +939,13 @@ class StageRunner:
             else:
                 out.append(output)
 
-    def _decide(self, instance: _Instance, found: Candidates, out: list[Event]) -> None:
+    def _decide(self, instance: _Instance, candidates: Candidates, out: list[Event]) -> None:
         stage, recall = instance.stage, instance.context.signal
         start_ns = instance.start_ns if recall is None else recall.first_ns or 0
         if start_ns is not None:
-            found = found.not_before(start_ns)
+            candidates = candidates.not_before(start_ns)
         block, instance.carry = decided_block(
-            instance.spec, found, stage, self.parameters, instance.carry
+            instance.spec, candidates, stage, self.parameters, instance.carry
         )
         out.append(block)
         out += stage.decided(block)
@@ -968,15 +974,15 @@ class StageRunner:
         for key, groups in waiting.items():
             instance = self._state.instances[key]
             assert isinstance(instance, _Instance)  # it made them
-            found = Candidates.concatenate([own for _, own in groups])
+            candidates = Candidates.concatenate([group for _, group in groups])
             block, instance.carry = decided_block(
-                instance.spec, found, instance.stage, self.parameters, instance.carry
+                instance.spec, candidates, instance.stage, self.parameters, instance.carry
             )
             events, start = iter(accepted_events(block)), 0
-            for out, own in groups:
-                part = _rows_of(block, slice(start, start + len(own)))
+            for out, group in groups:
+                part = _rows_of(block, slice(start, start + len(group)))
                 out += [part, *islice(events, int(np.count_nonzero(part.accepted)))]
-                start += len(own)
+                start += len(group)
         waiting.clear()
 
     def _end(self, instance: _Instance, out: list[Event]) -> None:
@@ -1001,13 +1007,13 @@ class StageRunner:
 
     def _not_asked(self, instance: _Instance, time_ns: int) -> Iterator[Note]:
         """Say at the run's begin which thresholds were changed that decide nothing here."""
-        own = [gate.parameter for gate in instance.stage.gates]
-        usual = self.kind.Parameters()
+        active = [gate.parameter for gate in instance.stage.gates]
+        defaults = self.kind.Parameters()
         for name in dict.fromkeys(gate.parameter for gate in self.kind.gates):
-            value = self.config.parameters.get(name, getattr(usual, name))
-            if value != getattr(usual, name) and name not in own:
+            value = self.config.parameters.get(name, getattr(defaults, name))
+            if value != getattr(defaults, name) and name not in active:
                 text = f"{instance.spec.topic}: {self.name}.{name} decides nothing here, but "
-                yield Note(time_ns, text + " and ".join(own), "WARN", self.name)
+                yield Note(time_ns, text + " and ".join(active), "WARN", self.name)
 
     def _unknown_units(self, instance: _Instance, time_ns: int) -> Iterator[Note]:
         """Say at the run's begin where thresholds have a unit and the signal an unknown one."""
@@ -1021,11 +1027,11 @@ class StageRunner:
                 continue
             text = f"{spec.topic}: {quantity} is in {unit}, not {wanted}:"
             if getattr(instance.stage, "mean_is_gravity", False):
-                said = f"{text} its mean length is taken for gravity"
-                yield Note(time_ns, said, "INFO", spec.stage)
+                message = f"{text} its mean length is taken for gravity"
+                yield Note(time_ns, message, "INFO", spec.stage)
             else:
-                said = f"{text} what {spec.stage} asks for in {wanted} does not hold"
-                yield Note(time_ns, said, "WARN", spec.stage)
+                message = f"{text} what {spec.stage} asks for in {wanted} does not hold"
+                yield Note(time_ns, message, "WARN", spec.stage)
 
 
 def _given(labels: Sequence[Label], parameters: object) -> tuple[Label, ...]:
@@ -1044,14 +1050,14 @@ def _never_passed(instance: _Instance, time_ns: int) -> Iterator[Note]:
         yield Note(time_ns, text, "WARN", spec.stage)
 
 
-def _recent(kept: Sequence[Any], first: Sequence[str]) -> list[Any]:
+def _recent(waiting: Sequence[Any], first: Sequence[str]) -> list[Any]:
     """Return the items that wait for their stage without the blocks that are too old for it."""
-    blocks = [item for item in kept if isinstance(item, SignalBlock)]
+    blocks = [item for item in waiting if isinstance(item, SignalBlock)]
     leading = [block for block in blocks if block.stream.columns_of(set(first))]
     others = [block for block in blocks if not block.stream.columns_of(set(first))]
     old = {id(b) for b in others if b.last_ns < others[-1].start_ns - _EARLY_NS}
     old |= {id(b) for b in leading[1:] if b.last_ns < leading[-1].start_ns - _EARLY_FIRST_NS}
-    return [item for item in kept if id(item) not in old]
+    return [item for item in waiting if id(item) not in old]
 
 
 def topic_of(item: Any) -> str:
@@ -1194,14 +1200,14 @@ class PresenceIntervals:
         )
         for time_ns, channel, value, accepted in rows:
             self._space(channel, time_ns)
-            known = self.open.get(channel)
-            if known is not None and time_ns - known.last_ns > BRIDGE_NS:
+            interval = self.open.get(channel)
+            if interval is not None and time_ns - interval.last_ns > BRIDGE_NS:
                 yield self._ended(block.spec, channel)
-                known = None
-            if accepted and known is None:
+                interval = None
+            if accepted and interval is None:
                 self.open[channel] = _Open(time_ns, time_ns, value)
-            elif accepted and known is not None:
-                known.last_ns, known.value = time_ns, max(known.value, value)
+            elif accepted and interval is not None:
+                interval.last_ns, interval.value = time_ns, max(interval.value, value)
 
     def flush(self) -> Iterator[Presence]:
         """End all spans."""
@@ -1309,7 +1315,7 @@ class LocationEstimate:
     ties: int = 1
 
     @property
-    def found(self) -> bool:
+    def located(self) -> bool:
         """Whether there is a place."""
         return bool(np.isfinite(self.x))
 

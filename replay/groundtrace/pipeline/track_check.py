@@ -123,15 +123,15 @@ class TrackCheck:
                 yield Note(worst.time_ns, text, "WARN", stage)
 
     def _none_text(self) -> str:
-        told = []
+        reasons = []
         for tracking in self._tracking:
             if not tracking.source:
-                told.append(f"{tracking.stage} takes {tracking.takes}")
+                reasons.append(f"{tracking.stage} takes {tracking.takes}")
                 continue
             count = self._state.given[tracking.takes, tracking.source]
             of = f"the {tracking.takes} of {tracking.source}"
-            told.append(f"{tracking.stage} takes {of}, which found {count}")
-        return f"no track, though one was asked for: {'; '.join(dict.fromkeys(told))}"
+            reasons.append(f"{tracking.stage} takes {of}, which found {count}")
+        return f"no track, though one was asked for: {'; '.join(dict.fromkeys(reasons))}"
 
     def _moved(self, point: TrackPoint) -> None:
         worst = self._state.worst.setdefault(point.stage, _Worst())

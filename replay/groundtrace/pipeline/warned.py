@@ -84,7 +84,7 @@ class WarningCounter:
         if len(texts := self._texts.setdefault(key, set())) < 2:
             texts.add(note.text)
 
-    def told(self, start_ns: int) -> tuple[Warned, ...]:
+    def summary(self, start_ns: int) -> tuple[Warned, ...]:
         """Return what was warned of, in the order in which it was first said.
 
         Parameters
@@ -110,4 +110,4 @@ def warnings_of(events: Iterable[Event], start_ns: int) -> tuple[Warned, ...]:
     for event in events:
         if isinstance(event, Note):
             counter.add(event)
-    return counter.told(start_ns)
+    return counter.summary(start_ns)

@@ -88,7 +88,7 @@ class Motion:
 
     @classmethod
     @lru_cache(maxsize=64)
-    def turned(cls, reach_m: float = PACE_M, ticks: int = 1) -> Motion:
+    def turning(cls, reach_m: float = PACE_M, ticks: int = 1) -> Motion:
         """Go anywhere: so many steps from the present place, each of ``reach_m`` per axis."""
         f = np.kron(np.array([[0.0, 1.0], [0.0, 1.0]]), np.eye(2))
         return cls(f, _present(reach_m * ticks), ticks)

@@ -64,14 +64,14 @@ class FixObservation:
     ----------
     time_ns
         When.
-    place
+    position
         Shape (2,) [m].
     noise
         Its covariance, shape (2, 2) [m^2].
     """
 
     time_ns: int
-    place: Array
+    position: Array
     noise: Array
 
 
@@ -123,7 +123,7 @@ class WalkPaths:
             return seen
         gain = spread / (across @ spread + self.sigma_m**2)
         noise = seen.noise - np.outer(gain, spread)
-        return FixObservation(seen.time_ns, seen.place - gain * off_m, noise)
+        return FixObservation(seen.time_ns, seen.position - gain * off_m, noise)
 
     def learn(self, seen: FixObservation) -> bool:
         """Take in how far a fix is from the paths; return whether that changes what paths count."""
@@ -141,7 +141,7 @@ class WalkPaths:
         """
         along = self.ends - self.starts
         inverse = np.linalg.inv(seen.noise)
-        since = seen.place - self.starts
+        since = seen.position - self.starts
         way = ((since @ inverse) * along).sum(axis=1) / ((along @ inverse) * along).sum(axis=1)
         left = since - way.clip(0, 1)[:, None] * along
         part = int(np.argmin(((left @ inverse) * left).sum(axis=1)))
@@ -190,7 +190,7 @@ def fit(
         return None
     fits = []
     for motion, penalty in _motions(track, elapsed_s, model):
-        distance, surprise = track.filter.fit(seen.place, seen.noise, motion)
+        distance, surprise = track.filter.fit(seen.position, seen.noise, motion)
         fits.append(Fit(distance, surprise + penalty, motion))
     return min(fits, key=lambda f: (max(f.distance, limits.max_distance), f.surprise))
 
@@ -203,7 +203,7 @@ def _motions(track: Track, elapsed_s: float, model: WalkModel) -> list[tuple[Mot
         if ticks > 1:
             motions.append((Motion.ahead(model, ticks), 0.0))
         if elapsed_s >= TURN_DUE * pace_s:
-            motions.append((Motion.turned(PACE_M, ticks), TURN_SURPRISE))
+            motions.append((Motion.turning(PACE_M, ticks), TURN_SURPRISE))
     return motions
 
 
@@ -235,12 +235,12 @@ class FootPosition:
     """Where and when a foot was last set down; ``spread`` is the covariance of the place."""
 
     time_ns: int
-    place: Array
+    position: Array
     spread: Array
 
     def distance(self, seen: FixObservation) -> float:
         """Return the Mahalanobis distance of a fix from this very place."""
-        innovation = seen.place - self.place
+        innovation = seen.position - self.position
         solved = np.linalg.solve(self.spread + seen.noise, innovation)
         return float(np.sqrt(innovation @ solved))
 
@@ -604,14 +604,14 @@ class WalkerTracker(Stage):
             if best is not None:
                 self._steps[row] = (self._tracks[column], best.motion)
                 rows[row] = best.distance, feet[column].since_s(one)
-                feet[column] = FootPosition(one.time_ns, one.place, one.noise)
+                feet[column] = FootPosition(one.time_ns, one.position, one.noise)
         for row, one in enumerate(seen):
             if row not in owner:
                 rows[row] = nearest(one, feet, fits[row], limits)
                 if rows[row, 0] <= limits.max_distance and rows[row, 1] < limits.least_pace_s:
                     self._again.add(row)
                 else:
-                    feet[len(feet)] = FootPosition(one.time_ns, one.place, one.noise)
+                    feet[len(feet)] = FootPosition(one.time_ns, one.position, one.noise)
         places = np.array([(fix.x_m, fix.y_m) for fix in fixes])
         return np.column_stack([rows, places]).astype(np.float32)
 
@@ -651,7 +651,7 @@ class WalkerTracker(Stage):
 
     def _step(self, track: Track, motion: Motion, fix: Fix) -> list[TrackPoint]:
         seen = self._observed(fix)
-        track.take(seen, motion, track.filter.step(seen.place, seen.noise, motion))
+        track.take(seen, motion, track.filter.step(seen.position, seen.noise, motion))
         track.chances += 1
         first = len(track.steps) - 1
         track.counts = track.counts or len(track.steps) >= START_FIXES
@@ -671,7 +671,7 @@ class WalkerTracker(Stage):
 
     def _begin(self, fix: Fix) -> Track:
         seen = self._observed(fix)
-        track = Track(StepFilter(self.model, seen.place, first_spread(seen.noise)), [])
+        track = Track(StepFilter(self.model, seen.position, first_spread(seen.noise)), [])
         track.take(seen, Motion.ahead(self.model), float("nan"))
         return track
 

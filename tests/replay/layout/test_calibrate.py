@@ -203,7 +203,9 @@ def test_repeats_at_one_place_are_no_new_evidence() -> None:
     events, labels = walked(24, offsets_s=CLOCKS)
     gathered = gather(events, site(), labels)
     rows = np.tile(np.arange(6), 20)
-    repeated = replace(gathered, times_s=gathered.times_s[rows], known=gathered.known[rows])
+    repeated = replace(
+        gathered, times_s=gathered.times_s[rows], true_places=gathered.true_places[rows]
+    )
     found = calibrate(repeated, site())
     assert not found.offsets_estimated
     assert found.held_out_gain is None
@@ -258,7 +260,7 @@ def test_impacts_may_name_a_source_of_the_geometry() -> None:
     sources = tuple((f"s{i}", x.x_m or 0.0, x.y_m or 0.0) for i, x in enumerate(labels))
     named = [Label(x.time_ns, "impact", label=f"s{i}") for i, x in enumerate(labels)]
     gathered = gather(events, replace(site(), sources=sources), named)
-    assert gathered.known.tolist() == [[x.x_m, x.y_m] for x in labels]
+    assert gathered.true_places.tolist() == [[x.x_m, x.y_m] for x in labels]
 
 
 def test_what_is_not_identifiable_is_kept_and_said() -> None:
@@ -269,7 +271,7 @@ def test_what_is_not_identifiable_is_kept_and_said() -> None:
     geometry = replace(site(), sensors=sensors)
     events, labels = walked(12)
     gathered = gather(events, geometry, labels)
-    middle = replace(gathered, known=np.full((12, 2), 5.0), times_s=gathered.times_s * 0)
+    middle = replace(gathered, true_places=np.full((12, 2), 5.0), times_s=gathered.times_s * 0)
     noise = np.random.default_rng(0).normal(0, 2e-4, gathered.times_s.shape)
     found = calibrate(replace(middle, times_s=noise), geometry, offsets="no")
     assert not found.scale.identifiable

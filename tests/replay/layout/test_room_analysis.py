@@ -95,7 +95,7 @@ def test_one_more_sensor_is_advised_where_none_is() -> None:
     found = analyze_room(layout(corner), settings=Settings(7, 8))
     added, moved = found.advice
     assert added.moved is None
-    assert np.hypot(*added.place) > 6
+    assert np.hypot(*added.position) > 6
     assert added.gain_m > 0.3 * added.before_m["power-law"]
     assert moved.moved is not None
     assert moved.gain_m > 0
@@ -139,7 +139,7 @@ def test_sensors_on_one_line_give_a_result_that_names_the_ambiguity() -> None:
     assert any("the same on both sides" in line for line in findings(found))
     # a sensor off the line tells the two sides apart
     added = found.advice[0]
-    assert abs(added.place[1] - 5.0) > 1
+    assert abs(added.position[1] - 5.0) > 1
     assert added.gain_m > 0.3 * added.before_m["power-law"]
 
 

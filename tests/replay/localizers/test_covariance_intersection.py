@@ -139,7 +139,7 @@ def test_fixes_of_another_step_do_not_count() -> None:
 def test_a_fix_that_claims_nothing_is_left_out_and_alone_makes_no_place() -> None:
     unknown = fix("one", 1.0, 1.0, (float("nan"),) * 3)
     assert intersected([unknown, fix("two", 2.0, 2.0, ACROSS)]).x == 2.0
-    assert not intersected([unknown]).found
+    assert not intersected([unknown]).located
     assert fixes_of(unknown, step(5)) == []
 
 

@@ -92,8 +92,8 @@ def test_places_are_nearer_than_the_middle_of_the_room(layout: str, wild: float)
 
 def test_one_bearing_and_parallel_ones_lead_nowhere() -> None:
     one = np.array([0.5, np.nan, np.nan, np.nan, np.nan])
-    assert not intersect(STATIONS, one, SIGMAS, "l1").found
-    assert not intersect(STATIONS[:2], np.array([0.3, 0.3]), SIGMAS[:2], "l2").found
+    assert not intersect(STATIONS, one, SIGMAS, "l1").located
+    assert not intersect(STATIONS[:2], np.array([0.3, 0.3]), SIGMAS[:2], "l2").located
 
 
 def test_the_law_of_attenuation_comes_back_from_many_impacts_of_unknown_strength() -> None:

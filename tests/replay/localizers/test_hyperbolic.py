@@ -75,6 +75,6 @@ def test_arrivals_that_come_ever_earlier_calibrate_nothing() -> None:
 def test_three_arrivals_suffice_and_two_do_not() -> None:
     times = np.full(9, np.nan)
     times[[0, 1, 3]] = times_of(SOURCE)[0][[0, 1, 3]]
-    assert locate_hyperbolic(SENSORS, times, 1200.0, ROOM).found
+    assert locate_hyperbolic(SENSORS, times, 1200.0, ROOM).located
     times[0] = np.nan
-    assert not locate_hyperbolic(SENSORS, times, 1200.0, ROOM).found
+    assert not locate_hyperbolic(SENSORS, times, 1200.0, ROOM).located

@@ -284,5 +284,5 @@ def test_what_was_located_by_near_sensors_is_located_again_as_it_was() -> None:
     picks = [e for e in items if isinstance(e, Pick)]
     for fix in found:
         times = first_arrivals(picks, channels, fix.time_ns, worker.parameters.window_s)
-        again = worker.place(fix.time_ns, times)
+        again = worker.locate_step(fix.time_ns, times)
         assert (again.x, again.y) == (fix.x_m, fix.y_m)

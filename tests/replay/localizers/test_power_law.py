@@ -85,7 +85,7 @@ def test_four_arrivals_and_fewer_give_the_middle_of_all_places_that_fit() -> Non
     off = np.array([1 - place.x, 3 - place.y])
     assert off @ np.linalg.inv(place.covariance) @ off < 9
     times[0] = np.nan
-    assert not locate_power_law(SENSORS, times, ROOM).found
+    assert not locate_power_law(SENSORS, times, ROOM).located
 
 
 def test_the_covariance_is_that_of_the_errors() -> None:

@@ -110,10 +110,10 @@ def test_three_arrivals_suffice_for_a_place_with_a_covariance(
     times = np.full(9, np.nan)
     times[list(sensors)] = uniform(1, 2e-4)[1][0, list(sensors)]
     found = begun(load("stages", method)).locate(times)
-    assert found.found
+    assert found.located
     assert found.picks == len(sensors)
     assert np.isfinite(found.residual)
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
     times[sensors[0]] = np.nan
     if len(sensors) == 3:
-        assert not begun(load("stages", method)).locate(times).found
+        assert not begun(load("stages", method)).locate(times).located

@@ -108,10 +108,10 @@ def test_sensors_without_an_arrival_are_left_out_of_the_comparison() -> None:
 def test_three_arrivals_suffice_and_two_do_not() -> None:
     times = np.full(9, np.nan)
     times[[0, 1, 3]] = times_of(SOURCE)[0][[0, 1, 3]]
-    assert found(times).found
+    assert found(times).located
     times[0] = np.nan
     place = found(times)
-    assert not place.found
+    assert not place.located
     assert place.picks == 2
     assert np.isnan(place.covariance).all()
 
@@ -130,4 +130,4 @@ def test_the_model_of_sign_errors_finds_better_than_counting_signs() -> None:
     modelled = rms(distances_off(lambda t: likeliest(regions(), t, 1e-5, 5e-4), times, sources))
     assert modelled < 0.95 * counted
     few = np.where(np.arange(9) < 2, times[0], np.nan)
-    assert not likeliest(regions(), few, 1e-5, 5e-4).found
+    assert not likeliest(regions(), few, 1e-5, 5e-4).located

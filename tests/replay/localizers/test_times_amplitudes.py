@@ -98,7 +98,7 @@ def test_two_arrivals_are_no_place_and_a_copy_goes_on_alike() -> None:
     joint, _ = located(times, heights)
     few = times[0].copy()
     few[:2] = np.nan
-    assert not joint.locate(few, heights[0], np.zeros(4, bool)).found
+    assert not joint.locate(few, heights[0], np.zeros(4, bool)).located
     other = copy.deepcopy(joint)
     row = times[1], heights[1], np.zeros(4, bool)
     assert joint.locate(*row).x == other.locate(*row).x

@@ -40,7 +40,7 @@ def held(columns: np.ndarray) -> np.ndarray:
 
 def test_each_channel_is_held_at_its_own_last_finite_value():
     holder = NonFiniteHold()
-    found = holder.held(block([1, NAN, INF, 4], [NAN, 2, -INF, NAN]))
+    found = holder.fill(block([1, NAN, INF, 4], [NAN, 2, -INF, NAN]))
     assert found.samples.T.tolist() == [[1, 1, 1, 4], [0, 2, 2, 2]]
     assert holder.count == 5
     assert holder.last_ns == START_NS + 3 * NS_PER_S // 1000
@@ -55,8 +55,8 @@ SAMPLES = st.lists(
 def test_parts_are_held_exactly_like_the_whole(rows, cuts, dtype):
     columns = np.array(rows, dtype).T
     whole, parts = NonFiniteHold(), NonFiniteHold()
-    at_once = whole.held(block(*columns, dtype=dtype))
-    pieces = [parts.held(p) for p in split(block(*columns, dtype=dtype), cuts)]
+    at_once = whole.fill(block(*columns, dtype=dtype))
+    pieces = [parts.fill(p) for p in split(block(*columns, dtype=dtype), cuts)]
     joined = np.concatenate([p.samples for p in pieces])
     assert np.array_equal(joined, at_once.samples)
     assert np.array_equal(joined.T, held(columns))
@@ -69,22 +69,22 @@ def test_parts_are_held_exactly_like_the_whole(rows, cuts, dtype):
 def test_a_finite_block_passes_as_the_same_object(dtype):
     one = block([1, 2], [3, 4], dtype=dtype)
     holder = NonFiniteHold()
-    assert holder.held(one) is one
+    assert holder.fill(one) is one
     assert holder.count == 0
 
 
 def test_the_block_given_is_not_changed():
     one = block([1, NAN], [1, 1])
-    NonFiniteHold().held(one)
+    NonFiniteHold().fill(one)
     assert np.isnan(one.samples[1, 0])
 
 
 def test_an_empty_block_changes_nothing():
     holder = NonFiniteHold()
-    holder.held(block([5], [6]))
+    holder.fill(block([5], [6]))
     empty = block([], [])
-    assert holder.held(empty) is empty
-    assert holder.held(block([NAN], [NAN])).samples.tolist() == [[5, 6]]
+    assert holder.fill(empty) is empty
+    assert holder.fill(block([NAN], [NAN])).samples.tolist() == [[5, 6]]
 
 
 def walk(bad=()) -> SignalBlock:

@@ -115,7 +115,7 @@ def test_after_a_turn_a_step_may_lie_anywhere_about_the_present_place() -> None:
     walker = StepFilter(model, np.zeros(2), first_spread(model.r))
     for k in range(1, 8):
         walker.step(np.array([0.5 * k, 0.0]), model.r)
-    back, turned = np.array([3.0, 0.0]), Motion.turned()
+    back, turned = np.array([3.0, 0.0]), Motion.turning()
     assert walker.fit(back, model.r, turned)[0] < 0.6 * walker.fit(back, model.r)[0]
     assert walker.fit(back, model.r, turned)[1] < walker.fit(back, model.r)[1]
     ahead = np.array([4.0, 0.0])

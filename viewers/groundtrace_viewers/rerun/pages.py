@@ -850,7 +850,7 @@ def _sensors(recording: rr.RecordingStream, analysis: RoomAnalysis) -> rrb.View:
     radii = LEAST_RADIUS + (MOST_RADIUS - LEAST_RADIUS) * np.sqrt(size)
     board.points("/sensors", layout.positions, SENSOR, radii, labels)
     for advice in analysis.advice:
-        position = np.array(advice.place)
+        position = np.array(advice.position)
         added = advice.moved is None
         # the line of a sensor that is moved says as much as a name
         colour, name = (ADDED, ["one more"]) if added else (MOVED, None)

@@ -66,7 +66,7 @@ class StationViews:
         ]
         names = [s.name for s in self._stations]
         shades = [colours.of(channels[2]) for channels in self._channels]
-        places = {s.name: s.place for s in self._stations}
+        places = {s.name: s.position for s in self._stations}
         positions = np.array([*((s.x, s.y) for s in geometry.sensors), *geometry.outline])
         box = np.stack([positions.min(axis=0), positions.max(axis=0)])
         self._hodograms = HodogramView(timeline, names, shades)
