@@ -110,7 +110,7 @@ class PhoneImporter:
         return together(content.sampled, labels=content.labels, warnings=content.warnings)
 
 
-def _app(files: Sequence[AppFile]) -> Callable[[Sequence[AppFile]], Found] | None:
+def _app(files: Sequence[AppFile]) -> Callable[[Sequence[AppFile]], AppContent] | None:
     """Return what reads the files, or None."""
     if any(is_sensor_logger_table(f) for f in files):
         return read_sensor_logger
@@ -247,7 +247,7 @@ class AppFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class AppContent:
     """What an app's files hold."""
 
     sampled: tuple[Sampled, ...]
@@ -355,7 +355,7 @@ def is_clock(file: AppFile) -> bool:
     return {"event", "experiment time", "system time"} <= set(file.header)
 
 
-def read_phyphox(files: Sequence[AppFile]) -> Found:
+def read_phyphox(files: Sequence[AppFile]) -> AppContent:
     """Return the streams of the tables of one experiment.
 
     Raises
@@ -376,7 +376,7 @@ def read_phyphox(files: Sequence[AppFile]) -> Found:
     warnings = [] if pieces else ["no meta/time.csv: times count from the start of the experiment"]
     if f"/acc_linear/{PLACEMENT}" in streams and f"/acc/{PLACEMENT}" not in streams:
         warnings.append("the acceleration is without gravity, and nothing else has it")
-    return Found(tuple(streams.values()), (), tuple(warnings))
+    return AppContent(tuple(streams.values()), (), tuple(warnings))
 
 
 def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
@@ -483,7 +483,7 @@ def is_metadata(file: AppFile) -> bool:
     return {"platform", "appVersion"} <= set(file.header)
 
 
-def read_sensor_logger(files: Sequence[AppFile]) -> Found:
+def read_sensor_logger(files: Sequence[AppFile]) -> AppContent:
     """Return the streams and annotations of the tables of one recording.
 
     Raises
@@ -500,7 +500,7 @@ def read_sensor_logger(files: Sequence[AppFile]) -> Found:
     others = sorted(tables.keys() - _SENSORS - {"Annotation"})
     if others:
         remarks += (f"left alone: {', '.join(others)}",)
-    return Found(
+    return AppContent(
         tuple(s for s in (acceleration, *streams) if s is not None),
         _notes(tables.get("Annotation")),
         (*warnings, *remarks),

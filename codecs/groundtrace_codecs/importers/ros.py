@@ -83,7 +83,7 @@ class RosImporter:
         """
         if map_ is not None:
             raise SchemaError(f"{map_.file}: expected no map for a ROS bag, found one")
-        content = _Found()
+        content = _BagContent()
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             plain = [_unpacked(path, Path(folder)) for path in paths]
             mcaps = [p for p in plain if _known_suffix(p) == ".mcap"]
@@ -109,7 +109,7 @@ class RosImporter:
 
 
 @dataclass(slots=True)
-class _Found:
+class _BagContent:
     """What the bags hold: blocks by topic, topics left alone, remarks, site and truth.
 
     ``positions`` are topics that messages of unknown type are taken to give positions on.
@@ -191,7 +191,7 @@ class _Topic:
         return silent[0] if len(silent) == 1 else ""
 
 
-def _read_mcap(path: Path, content: _Found) -> None:
+def _read_mcap(path: Path, content: _BagContent) -> None:
     """Read one MCAP file as any recording; damage is said, not fatal."""
     with Recording.open(path) as opened:
         content.take(block for _, block in opened.blocks())
@@ -266,7 +266,7 @@ def _link(path: Path, name: Path) -> None:
     shutil.copyfile(path, name)
 
 
-def _read_bags(paths: Sequence[Path], content: _Found) -> None:
+def _read_bags(paths: Sequence[Path], content: _BagContent) -> None:
     name = paths[0].name
     try:
         from rosbags.highlevel import AnyReader
@@ -341,7 +341,7 @@ def _chunk(unpack: Callable[[bytes], bytes], where: str, data: bytes) -> bytes:
     return content
 
 
-def _read_bag(bag: Any, store: Any, name: str, content: _Found) -> None:
+def _read_bag(bag: Any, store: Any, name: str, content: _BagContent) -> None:
     """Read every topic with a signal, in batches."""
     readers: dict[tuple[str, str], ChannelReader] = {}
     wanted = []

@@ -39,7 +39,7 @@ _ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 _ENCAPSULATIONS = {order: np.void(head) for head, order in _ORDERS.items()}
 
 
-class Place(NamedTuple):
+class FieldSpan(NamedTuple):
     """Where a field's values lie in a payload: offset, how many, and their numpy type.
 
     A string's type is ``str``, and its number that of its bytes.
@@ -71,7 +71,7 @@ class Layout:
         order: str,
         size: int,
         lengths: Sequence[tuple[int, int]],
-        places: dict[str, list[Place]],
+        places: dict[str, list[FieldSpan]],
     ) -> None:
         self.places = places
         self._encapsulation = _ENCAPSULATIONS[order]
@@ -106,7 +106,7 @@ class Layout:
         return self._columns.get(path, [])
 
 
-def _subarray(span: Place) -> Any:
+def _subarray(span: FieldSpan) -> Any:
     return span.dtype if span.number == 1 else (span.dtype, (span.number,))
 
 
@@ -154,7 +154,7 @@ class _Walk:
         self._byteorder: Any = "little" if order == "<" else "big"
         self._at = _HEADER
         self._lengths: list[tuple[int, int]] = []
-        self._places: dict[str, list[Place]] = {}
+        self._places: dict[str, list[FieldSpan]] = {}
 
     def layout(self, definition: Definition) -> Layout:
         self._need(definition.min_size, definition.name)
@@ -213,7 +213,7 @@ class _Walk:
     def _note(self, path: str, count: int, dtype: str) -> None:
         size = count if dtype == "str" else count * int(dtype[2])
         self._need(size, path)
-        self._places.setdefault(path, []).append(Place(self._at, count, dtype))
+        self._places.setdefault(path, []).append(FieldSpan(self._at, count, dtype))
         self._at += size
 
 
@@ -293,7 +293,7 @@ class CdrDecoder:
             payloads, rows = payloads[~same], rows[~same]
 
 
-def _text(payload: bytes | memoryview, span: Place) -> str:
+def _text(payload: bytes | memoryview, span: FieldSpan) -> str:
     raw = bytes(payload[span.offset : span.offset + span.number])
     return raw.removesuffix(b"\0").decode("utf-8", "replace")
 

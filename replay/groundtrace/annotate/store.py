@@ -307,7 +307,7 @@ class WriterLock:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class StoredState:
     """What lies beside a recording.
 
     Attributes
@@ -344,7 +344,7 @@ class Stored:
 
     key: RecordingKey
     extent: Extent
-    kept: Kept
+    kept: StoredState
 
     @property
     def labels(self) -> tuple[Label, ...]:
@@ -373,7 +373,7 @@ def stored(recording: Path) -> Stored:
     key, extent, inside = _described(recording)
     if annotated(recording):
         return Stored(key, extent, kept_in(sidecar_path(recording), key))
-    return Stored(key, extent, Kept(inside, _new_journal(key, inside), current=False))
+    return Stored(key, extent, StoredState(inside, _new_journal(key, inside), current=False))
 
 
 def _described(recording: Path) -> tuple[RecordingKey, Extent, tuple[Annotation, ...]]:
@@ -393,7 +393,7 @@ def _new_journal(key: RecordingKey, base: tuple[Annotation, ...]) -> Journal:
     return Journal(header, (), 0, torn=False)
 
 
-def kept_in(path: Path, key: RecordingKey) -> Kept:
+def kept_in(path: Path, key: RecordingKey) -> StoredState:
     """Return what a sidecar and its journal hold together.
 
     The sidecar is read first: whoever writes meanwhile journals first, so the journal has no less.
@@ -422,7 +422,7 @@ def kept_in(path: Path, key: RecordingKey) -> Kept:
         sidecar = None
     if journal is None and sidecar is not None:
         begun = _new_journal(key, sidecar.annotations)
-        return Kept(sidecar.annotations, begun, current=False)
+        return StoredState(sidecar.annotations, begun, current=False)
     if journal is None:
         raise AnnotationError(f"{path}: expected annotations, found no such file")
     _check_pair(sidecar, journal, path)
@@ -431,7 +431,7 @@ def kept_in(path: Path, key: RecordingKey) -> Kept:
         remarks.append(f"{name}: the last line is torn and left out: it was never acknowledged")
     current = sidecar is not None and sidecar.actions == len(journal.actions)
     annotations = in_order(journal.items().values())
-    return Kept(annotations, journal, current=current, remarks=tuple(remarks))
+    return StoredState(annotations, journal, current=current, remarks=tuple(remarks))
 
 
 def _sidecar_of(path: Path, key: RecordingKey) -> Sidecar | CodecError | None:

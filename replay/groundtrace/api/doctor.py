@@ -37,7 +37,7 @@ _WAIT_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DamagedPart:
     """A damaged place: its bytes, and the messages and log times lost with it, where known."""
 
     offset: int
@@ -90,8 +90,8 @@ class Health:
     topics: list[TopicCount]
     attachments: list[AttachmentState]
     metadata: list[str]
-    damage: list[Place]
-    undecodable: list[Place]
+    damage: list[DamagedPart]
+    undecodable: list[DamagedPart]
     signals: str | None
     repair: Repair | None = None
 
@@ -188,12 +188,12 @@ def _signals(path: Path, progress: Progress) -> tuple[list[Damage], str | None]:
         return [], str(error)
 
 
-def _places(damage: Iterable[Damage], start_ns: int) -> list[Place]:
+def _places(damage: Iterable[Damage], start_ns: int) -> list[DamagedPart]:
     def seconds(time_ns: int | None) -> float | None:
         return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
 
     return [
-        Place(
+        DamagedPart(
             d.offset,
             d.length,
             d.messages,

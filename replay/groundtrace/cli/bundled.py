@@ -21,7 +21,7 @@ from .options import FLAG, NAME, Json
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class Listed:
     """A recording known by its name, and where it is from."""
 
     name: str
@@ -88,12 +88,12 @@ def recordings(
         print_line("\nnext: groundtrace replay NAME, where it is not here: recordings get NAME")
 
 
-def _described(name: str) -> Known:
+def _described(name: str) -> Listed:
     path = bundled()[f"{name}.mcap"]
     with Recording.open(path) as opened:
         source = opened.metadata.get(SOURCE, {})
         simulation = opened.metadata.get("simulation", {})
-        return Known(
+        return Listed(
             name,
             True,
             str(path),
@@ -106,7 +106,7 @@ def _described(name: str) -> Known:
         )
 
 
-def _fetchable(of: CataloguedRecording) -> Known:
+def _fetchable(of: CataloguedRecording) -> Listed:
     source = {
         "title": of.title,
         "url": of.files[0].url,
@@ -117,20 +117,20 @@ def _fetchable(of: CataloguedRecording) -> Known:
         "tuned_on": "yes: a setting was chosen on it, or it was seen" if of.tuned_on else "no",
     }
     here, size = of.path.is_file(), of.bytes
-    return Known(of.name, here, str(of.path), of.title, None, size, of.truth, of.licence, source)
+    return Listed(of.name, here, str(of.path), of.title, None, size, of.truth, of.licence, source)
 
 
-def _row(of: Known) -> tuple[str, ...]:
+def _row(of: Listed) -> tuple[str, ...]:
     length = "" if of.duration_s is None else f"{of.duration_s:.0f} s"
     here = "yes" if of.here else "no"
     return (of.name, here, length, _truth(of), of.licence, f"{of.bytes / 1e6:.2f}", of.title)
 
 
-def _truth(entry: Known) -> str:
+def _truth(entry: Listed) -> str:
     return ", ".join(f"{n} {kind}" for kind, n in entry.truth.items())
 
 
-def _print_one(entry: Known, name: str, *, in_full: bool) -> None:
+def _print_one(entry: Listed, name: str, *, in_full: bool) -> None:
     length = "" if entry.duration_s is None else f"{entry.duration_s:.3f} s, "
     print_line(f"{entry.name}: {entry.title}")
     print_line(f"{length}{entry.bytes / 1e6:.2f} MB, truth: {_truth(entry) or 'none'}")

@@ -112,7 +112,7 @@ class AdaptiveParameters:
     ] = 0.36
 
 
-class Found(NamedTuple):
+class Detection(NamedTuple):
     """What consecutive points of the grid show.
 
     Attributes
@@ -137,10 +137,10 @@ class Method(Protocol):
     columns: tuple[Quantity, ...]
     gates: tuple[Gate, ...]
 
-    def __call__(self, part: UpwardPart) -> Found:
+    def __call__(self, part: UpwardPart) -> Detection:
         """Take points of the grid; return what is known by now."""
 
-    def flush(self, part: UpwardPart) -> Found:
+    def flush(self, part: UpwardPart) -> Detection:
         """Take the last points; return all that is not known yet."""
 
 
@@ -167,17 +167,17 @@ class ByRhythm:
         self._band = StepBand(scales, parameters.ahead_s, fine=fine)
         self._peaks = Peaks(parameters.floor, parameters.rise if trunk else 0.0)
 
-    def __call__(self, part: UpwardPart) -> Found:
+    def __call__(self, part: UpwardPart) -> Detection:
         """Follow the rhythm; a maximum waits until its surroundings are complete."""
         followed = self._band(part.up)
-        return Found(followed.band, followed.band, self._peaks(followed))
+        return Detection(followed.band, followed.band, self._peaks(followed))
 
-    def flush(self, part: UpwardPart) -> Found:
+    def flush(self, part: UpwardPart) -> Detection:
         """Judge what waited for more by what there is."""
         ends = self._band(part.up), self._band.flush()
         followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
         peaks = np.concatenate([self._peaks(followed), self._peaks.flush()])
-        return Found(followed.band, followed.band, peaks)
+        return Detection(followed.band, followed.band, peaks)
 
 
 class ByScore:
@@ -198,7 +198,7 @@ class ByScore:
         self._windows = StepWindows()
         self._surroundings = Surroundings()
 
-    def __call__(self, part: UpwardPart) -> Found:
+    def __call__(self, part: UpwardPart) -> Detection:
         """Score the points that are known; a maximum waits for those after it."""
         windows = self._windows(moving(part.force, part.gravity))
         point_scores = scores(windows.seen, trained())
@@ -206,7 +206,7 @@ class ByScore:
             windows, point_scores, [self._surroundings(windows.seen, point_scores, windows.step_s)]
         )
 
-    def flush(self, part: UpwardPart) -> Found:
+    def flush(self, part: UpwardPart) -> Detection:
         """Judge what waited for more by what there is."""
         ends = self._windows(moving(part.force, part.gravity)), self._windows.flush()
         windows = Windows(*(np.concatenate(points) for points in zip(*ends, strict=True)))
@@ -219,9 +219,9 @@ class ByScore:
         windows: Windows,
         point_scores: Scores,
         candidates: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    ) -> Found:
+    ) -> Detection:
         rows = np.concatenate([judged(*each, trained().candidate) for each in candidates])
-        return Found(probability(point_scores.odds), windows.seen[:, len(TAPS) // 2], rows)
+        return Detection(probability(point_scores.odds), windows.seen[:, len(TAPS) // 2], rows)
 
 
 @dataclass(slots=True)
@@ -327,10 +327,10 @@ class AdaptiveDetector(Stage):
         state.times.add(since)
         state.waiting.add(np.concatenate([since, part.recorded]))
 
-    def _measured(self, detection: Found) -> Measured:
+    def _measured(self, detection: Detection) -> Measured:
         return Measured(self._candidates(detection.rows), self._frames(detection))
 
-    def _frames(self, detection: Found) -> Frames:
+    def _frames(self, detection: Detection) -> Frames:
         state, count = self.state, len(detection.decision)
         start = state.waiting.first
         since, norm = state.waiting.between(start, start + count)

@@ -138,7 +138,7 @@ def replayed(task: SpanTask) -> SpanReplay | Refusal:
         return Refusal(f"{task.path.name}: expected a file to use, found: {reason}")
 
 
-class _Kept:
+class _LastRecording:
     """The local recording that a worker opened last: the next span is most likely of it too.
 
     To open an hour of 16 channels at 20 kHz takes as long as to replay half a minute of it.
@@ -169,7 +169,7 @@ class _Kept:
         self._recording, self._file = None, ()
 
 
-_KEPT = _Kept()
+_KEPT = _LastRecording()
 
 
 @dataclass(slots=True)

@@ -377,7 +377,7 @@ def _equal(one: Any, other: Any) -> bool:
 
 
 @dataclass(slots=True)
-class _Known:
+class _Replayed:
     """What is known to be made of the items under way, by what they are."""
 
     made: dict[int, Made] = field(default_factory=dict)
@@ -399,7 +399,7 @@ class Played:
 
     in_step = True
 
-    def __init__(self, stage: StageRunner, replayed: _Known) -> None:
+    def __init__(self, stage: StageRunner, replayed: _Replayed) -> None:
         self.name = stage.name
         self._stage = stage
         self._replayed = replayed
@@ -465,7 +465,7 @@ class Learning:
     in_step = True
     buffers = True
 
-    def __init__(self, stage: StageRunner, replayed: _Known) -> None:
+    def __init__(self, stage: StageRunner, replayed: _Replayed) -> None:
         self.name = stage.name
         self._replayed = replayed
         self._measures: deque[StepMeasure] = deque()
@@ -509,7 +509,7 @@ def joined(
     signal
         What a source of the whole gives, where samples are wanted; else None.
     """
-    replayed = _Known()
+    replayed = _Replayed()
     made, measured = in_spans(pipeline), measured_in_spans(pipeline)
     stages: list[Taking] = []
     for stage in pipeline.stages:
@@ -524,7 +524,7 @@ def joined(
 
 
 def _items(
-    replayed: _Known,
+    replayed: _Replayed,
     streams: Mapping[str, Stream],
     spans: Iterator[SpanReplay],
     signal: Iterable[SignalBlock | Gap | Note] | None,

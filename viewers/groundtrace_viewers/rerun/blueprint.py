@@ -934,14 +934,14 @@ def layout_of(rrd: Path) -> bytes:
     return binary.read() or b""
 
 
-class Told(NamedTuple):
+class FileIdentity(NamedTuple):
     """What a viewer's file says of itself: whose it is, and its page."""
 
     recording_id: str
     page: str
 
 
-def told_by(rrd: Path) -> Told | None:
+def file_identity(rrd: Path) -> FileIdentity | None:
     """Return what a viewer's file says of itself; None where it is none, or has no page."""
     import rerun as rr
 
@@ -953,7 +953,7 @@ def told_by(rrd: Path) -> Told | None:
             batch = chunk.to_record_batch()
             if TEXT in batch.schema.names:
                 [page] = batch.column(TEXT).to_pylist()[0]
-                return Told(recordings[0].recording_id, page)
+                return FileIdentity(recordings[0].recording_id, page)
     except (OSError, RuntimeError, ValueError):
         pass
     return None

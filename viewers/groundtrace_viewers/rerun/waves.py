@@ -55,7 +55,7 @@ class Wave(NamedTuple):
     values: NDArray[np.int8]
 
 
-class Heard(NamedTuple):
+class ArrivalAt(NamedTuple):
     """What a channel had at a step: when [ns], the value of its gate, and whether it passed."""
 
     time_ns: int
@@ -189,9 +189,9 @@ class StepWaves(View):
         near = len(steps_ns) and np.abs(steps_ns - time_ns).min() <= TOLERANCE_NS
         return not near or time_ns not in self._true
 
-    def _arrivals_at(self, time_ns: int) -> dict[tuple[str, str], Heard]:
+    def _arrivals_at(self, time_ns: int) -> dict[tuple[str, str], ArrivalAt]:
         """Return what each topic and channel had at a step: its pick, else its best candidate."""
-        arrivals: dict[tuple[str, str], Heard] = {}
+        arrivals: dict[tuple[str, str], ArrivalAt] = {}
         for block in self._candidates:
             first, last = np.searchsorted(block.time_ns, [time_ns - EARLY_NS, time_ns + LATE_NS])
             for row in range(int(first), int(last)):
@@ -199,7 +199,7 @@ class StepWaves(View):
                 value, picked = float(block.gate_value[row, 0]), bool(block.accepted[row])
                 before = arrivals.get(name)
                 if before is None or (picked, value) > (before.picked, before.value):
-                    arrivals[name] = Heard(int(block.time_ns[row]), value, picked)
+                    arrivals[name] = ArrivalAt(int(block.time_ns[row]), value, picked)
         return arrivals
 
     def _draw(self, time_ns: int, when_ns: int) -> None:

@@ -33,7 +33,7 @@ from groundtrace_codecs.recording import Recording
 
 from ..errors import ViewerError
 from ..rerun.annotations import layer_rrd, states
-from ..rerun.blueprint import told_by
+from ..rerun.blueprint import file_identity
 from ..rerun.moments import OPENING_S, LiveMoments, moments_of_results
 from ..rerun.timeline import Recipe, stream_of, written_recipe
 from .opening import drawn_meanwhile
@@ -316,7 +316,7 @@ def there(recording: Path, results: Path | None) -> tuple[Path, Results] | None:
     rrd = results.with_name(f"{results.stem.removesuffix('.results')}.rrd")
     if not rrd.is_file() or rrd.stat().st_mtime_ns < results.stat().st_mtime_ns:
         return None
-    rrd_info = told_by(rrd)
+    rrd_info = file_identity(rrd)
     expected = stream_of(recording.name, _application(shown)).get_recording_id()
     if rrd_info is None or rrd_info.recording_id != expected:
         return None
