@@ -88,7 +88,7 @@ SAME_CLOCK = DeviceClock()
 class Line(NamedTuple):
     """A line ``y = at + slope * (x - about)`` through most of the points.
 
-    ``sigma`` is the scatter about it, ``slope_sigma`` the deviation of the slope, ``kept`` tells
+    ``sigma`` is the scatter about it, ``slope_sigma`` the deviation of the slope, ``inliers`` tells
     which points it goes through, shape (n,).
     """
 
@@ -97,7 +97,7 @@ class Line(NamedTuple):
     slope: float
     sigma: float
     slope_sigma: float
-    kept: NDArray[np.bool_]
+    inliers: NDArray[np.bool_]
 
     def value(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the line at ``x``, shape (n,)."""

@@ -368,11 +368,11 @@ class _Waveforms:
 
     def __init__(self, clock: DeviceClock, where: str) -> None:
         self._clock = clock
-        self._place = where
+        self._where = where
 
     def moved(self, message: Message) -> bytes:
-        wave = parse(message_class("WaveformBlock"), message.data, self._place)
-        start_ns = get_time(wave.timestamp, self._place)
+        wave = parse(message_class("WaveformBlock"), message.data, self._where)
+        start_ns = get_time(wave.timestamp, self._where)
         if wave.sample_times_ns:
             times = np.frombuffer(wave.sample_times_ns, "<i8")
             wave.sample_times_ns = self._clock.common_times(times).astype("<i8").tobytes()
@@ -393,7 +393,7 @@ class _Protobuf:
     def __init__(self, kind: Any, clock: DeviceClock, where: str) -> None:
         self._kind = kind
         self._clock = clock
-        self._place = where
+        self._where = where
 
     @classmethod
     def of(cls, schema: Schema, clock: DeviceClock, where: str) -> _Protobuf | None:
@@ -408,14 +408,14 @@ class _Protobuf:
         return cls(kind, clock, where)
 
     def moved(self, message: Message) -> bytes:
-        content = parse(self._kind, message.data, self._place)
+        content = parse(self._kind, message.data, self._where)
         self._walk(content)
         encoded: bytes = content.SerializeToString()
         return encoded
 
     def _walk(self, content: Any) -> None:
         if content.DESCRIPTOR.full_name == _TIMESTAMP:
-            set_time(content, self._clock.common(get_time(content, self._place)))
+            set_time(content, self._clock.common(get_time(content, self._where)))
             return
         for member, value in content.ListFields():
             if member.message_type is None:
@@ -434,7 +434,7 @@ class _Ros:
     ) -> None:
         self._decoder = decoder
         self._clock = clock
-        self._place = where
+        self._where = where
         self._layouts: dict[int, tuple[Layout, list[tuple[int, int, str]]]] = {}
         counted = stream is not None and not stream.irregular
         self._rate_hz = stream.rate_hz if stream is not None and counted else None
@@ -461,7 +461,7 @@ class _Ros:
             seconds, nanos = divmod(time_ns, NS_PER_S)
             if not 0 <= seconds < _ROS_STAMP_S:
                 raise CodecError(
-                    f"{self._place}: expected a stamp of 1970 to 2038, found {seconds} s"
+                    f"{self._where}: expected a stamp of 1970 to 2038, found {seconds} s"
                 )
             struct.pack_into(f"{order}i", data, sec, seconds)
             struct.pack_into(f"{order}I", data, nanosec, nanos)

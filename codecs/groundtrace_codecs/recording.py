@@ -417,7 +417,7 @@ def reader_for(
     return reader
 
 
-def _place(file: McapFile, channel: ChannelRecord) -> str:
+def _where(file: McapFile, channel: ChannelRecord) -> str:
     return f"{file.name}: {channel.topic}"
 
 
@@ -432,7 +432,7 @@ class WaveformReader:
 
     def __init__(self, stream: Stream, where: str) -> None:
         self.streams: tuple[Stream, ...] = (stream,)
-        self._place = where
+        self._where = where
         self._count = 0  # samples of the last message: most have as many
 
     def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[LoggedBlock]:
@@ -443,7 +443,7 @@ class WaveformReader:
             if run is None or not (joined and run.take(message.data)):
                 if run is not None:
                     yield LoggedBlock(log_ns, run.block())
-                run = WaveformRun(self.streams[0], message.data, self._place, self._count)
+                run = WaveformRun(self.streams[0], message.data, self._where, self._count)
                 self._count = run.count
             log_ns = message.log_time
         if run is not None:
@@ -451,7 +451,7 @@ class WaveformReader:
 
 
 def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader | None:
-    where = _place(file, channel)
+    where = _where(file, channel)
     if STREAM_KEY in channel.metadata:
         text = channel.metadata[STREAM_KEY]
         return WaveformReader(stream_from_json(text, channel.topic, where), where)
@@ -492,7 +492,7 @@ class RosReader:
         where: str,
     ) -> None:
         self.streams: tuple[Stream, ...] = tuple(streams)
-        self._place = where
+        self._where = where
         self._sources = sources
         self._decoder = CdrDecoder(definition, where)
         self._orders = [
@@ -508,7 +508,7 @@ class RosReader:
 
     def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[LoggedBlock]:  # noqa: ARG002
         """Yield the blocks of consecutive messages: one per stream and contiguous run."""
-        log_ns = log_times(messages, self._place)
+        log_ns = log_times(messages, self._where)
         tables = list(self._decoder.tables(messages.by_size()))
         for source, stream, order in zip(self._sources, self.streams, self._orders, strict=True):
             samples = read_samples(source, tables, log_ns)
@@ -557,7 +557,7 @@ def _runs(
 
 
 def _ros_reader(file: McapFile, channel: ChannelRecord, schema: Schema) -> RosReader | None:
-    where = _place(file, channel)
+    where = _where(file, channel)
     try:
         definition = parse_ros2msg(schema.name, schema.data.decode("utf-8", "replace"))
     except SchemaError:
@@ -586,7 +586,7 @@ def nominal_reader(definition: Definition, topic: str, where: str) -> RosReader 
 def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -> RosReader | None:
     """Return the reader of a foreign channel; its rates are those of its first messages."""
     messages = probe(file, channel.id)
-    reader = nominal_reader(definition, channel.topic, _place(file, channel))
+    reader = nominal_reader(definition, channel.topic, _where(file, channel))
     if not messages or reader is None:
         return None
     blocks = [b for _, b in readable(reader, messages, pass_over)]
@@ -606,25 +606,25 @@ class LocationReader:
     def __init__(self, stream: Stream, schema_name: str, where: str) -> None:
         self.streams: tuple[Stream, ...] = (stream,)
         self._many = schema_name.endswith("Fixes")
-        self._place = where
+        self._where = where
 
     def _fixes(self, message: Message) -> Sequence[Any]:
         if self._many:
             from foxglove_schemas_protobuf.LocationFixes_pb2 import LocationFixes
 
-            fixes: Sequence[Any] = parse(LocationFixes, message.data, self._place).fixes
+            fixes: Sequence[Any] = parse(LocationFixes, message.data, self._where).fixes
             return fixes
         from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
-        return (parse(LocationFix, message.data, self._place),)
+        return (parse(LocationFix, message.data, self._where),)
 
     def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[LoggedBlock]:  # noqa: ARG002
         """Yield one block of all the fixes."""
-        logs = log_times(messages, self._place)
+        logs = log_times(messages, self._where)
         pairs = [(m, fix) for m in messages for fix in self._fixes(m)]
         if not pairs:
             return
-        times = [get_time(fix.timestamp, self._place) or m.log_time for m, fix in pairs]
+        times = [get_time(fix.timestamp, self._where) or m.log_time for m, fix in pairs]
         values = np.array([(f.latitude, f.longitude, f.altitude) for _, f in pairs], np.float64)
         block = SignalBlock(self.streams[0], times[0], 0, values, np.array(times, np.int64))
         yield LoggedBlock(int(logs[-1]), block)
@@ -640,7 +640,7 @@ def _location_reader(
     messages = probe(file, channel.id)
     channels = tuple(c for _, c in KINDS["sensor_msgs/NavSatFix"])
     stream = Stream(channel.topic, channels, 1.0, irregular=True)
-    reader = LocationReader(stream, schema_name, _place(file, channel))
+    reader = LocationReader(stream, schema_name, _where(file, channel))
     times = [b.sample_times() for _, b in readable(reader, messages, pass_over)]
     if not times:
         return None
@@ -673,7 +673,7 @@ def readable(
     except CodecError as error:
         # millions of empty messages are not tried one by one
         times = messages.rows["log_time"]
-        if messages.alike() == len(messages) and times.min() >> 63 == times.max() >> 63:
+        if messages.same_payload_count() == len(messages) and times.min() >> 63 == times.max() >> 63:
             for message in messages:
                 leave_out(message, error)
             return []
@@ -851,4 +851,4 @@ def _firsts(table: MessageTable) -> Iterator[MessageTable]:
     """Yield the messages of a table, of those in a row that are the same the first alone."""
     while table:
         yield table[:1]
-        table = table[table.alike() :]
+        table = table[table.same_payload_count() :]

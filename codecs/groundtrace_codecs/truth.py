@@ -277,7 +277,7 @@ class _Row:
     """The non-empty cells of one line and where the line is."""
 
     cells: dict[str, str]
-    place: str
+    where: str
 
     @classmethod
     def of(cls, header: list[str], cells: list[str], where: str) -> _Row:
@@ -356,7 +356,7 @@ class _Row:
     def wrong(self, column: str, expected: str, accepted: Iterable[str] = ()) -> SchemaError:
         cell = self.cells.get(column)
         actual = "nothing" if cell is None else f"{cell[:40]!r}{did_you_mean(cell[:40], accepted)}"
-        return SchemaError(f"{self.place}: {column}: expected {expected}, found {actual}")
+        return SchemaError(f"{self.where}: {column}: expected {expected}, found {actual}")
 
 
 def _listed_files(files: Mapping[str, int]) -> str:

@@ -93,7 +93,7 @@ class AudioImporter:
         first, start_ns = sounds[0], laid.starts_ns[0]
         streams = _streams(first, map_)
         warnings = [w for s in sounds for w in s.warnings]
-        if len(sounds) > 1 and not (laid.own or apart):
+        if len(sounds) > 1 and not (laid.own_times or apart):
             warnings.append(
                 f"{len(sounds)} files: each taken to go on where the one before ends "
                 f'(files = "events" in a map lays them {GAP_S:g} s apart)'
@@ -111,7 +111,7 @@ class AudioImporter:
             ),
             start_ns=start_ns,
             warnings=tuple(warnings),
-            remarks=(laid.note,) if len(sounds) > 1 and (laid.own or apart) else (),
+            remarks=(laid.note,) if len(sounds) > 1 and (laid.own_times or apart) else (),
             files=tuple((s.path.name, t) for s, t in zip(sounds, laid.starts_ns, strict=True)),
         )
 

@@ -72,7 +72,7 @@ def guess_map(path: Path) -> Guess:
     groups = name_columns(table.header, rest)
     if not groups:
         raise FormatError(f"{path.name}: expected columns of numbers besides the time, found none")
-    used = {c.place for group in groups.values() for c in group}
+    used = {c.column for group in groups.values() for c in group}
     left = [table.label(i) for i in range(table.width) if i not in used]
     if time is not None:
         left.remove(table.label(time.column))
@@ -124,7 +124,7 @@ def _counted(table: RawTable, counter: GuessedCounter) -> Remark:
 
 def _group(table: RawTable, topic: str, columns: tuple[Column, ...]) -> Remark:
     kinds = dict.fromkeys(f"{c.quantity} in {c.unit}" for c in columns)
-    labels = ", ".join(table.label(c.place) for c in columns)
+    labels = ", ".join(table.label(c.column) for c in columns)
     worst = max((c.sureness for c in columns), key=["sure", "likely", "unsure"].index)
     why = "; ".join(dict.fromkeys(c.why for c in columns))
     return Remark(topic, f"{' and '.join(kinds)}: {labels}", worst, why)
@@ -136,7 +136,7 @@ Axis = Literal["x", "y", "z", ""]
 class Column(NamedTuple):
     """One column: where, what, in which unit, along which axis, how sure, and why."""
 
-    place: int
+    column: int
     quantity: str
     unit: str
     axis: Axis
@@ -147,7 +147,7 @@ class Column(NamedTuple):
 class Named(NamedTuple):
     """What the header alone says: where, what, which axis, the words left, and the unit's text."""
 
-    place: int
+    column: int
     quantity: str
     axis: Axis
     rest: str
@@ -236,7 +236,7 @@ def name_columns(header: Sequence[str], numbers: Numbers) -> dict[str, tuple[Col
     for each in named:
         quantity = "latitude" if each.quantity in _FIX else each.quantity
         groups.setdefault((quantity, each.rest), []).append(each)
-    complete = {k: g for k, g in groups.items() if _whole(k[0], g)}
+    complete = {k: g for k, g in groups.items() if _is_complete(k[0], g)}
     columns = {k: _with_unit(k[0], g, numbers) for k, g in complete.items()}
     if not columns:
         return _without_words(numbers)
@@ -271,7 +271,7 @@ def _axis(quantity: str, rest: str, word: str) -> Axis | None:
     return axes[match[1]] if match else None
 
 
-def _whole(quantity: str, group: Sequence[Named]) -> bool:
+def _is_complete(quantity: str, group: Sequence[Named]) -> bool:
     have = sorted(n.axis if quantity in VECTORS else n.quantity for n in group)
     if quantity in VECTORS:
         return have == ["x", "y", "z"]
@@ -281,18 +281,18 @@ def _whole(quantity: str, group: Sequence[Named]) -> bool:
 def _with_unit(quantity: str, group: Sequence[Named], numbers: Numbers) -> tuple[Column, ...]:
     if quantity in _FIXED:
         return tuple(
-            Column(n.place, n.quantity, _FIXED[n.quantity], "", "likely", "the header's words")
+            Column(n.column, n.quantity, _FIXED[n.quantity], "", "likely", "the header's words")
             for n in group
         )
-    units = {_said(quantity, n.cell) for n in group}
+    units = {_header_unit(quantity, n.cell) for n in group}
     if len(units) == 1 and (unit := units.pop()) is not None:
         sureness, why = "sure", "the header says quantity and unit"
     else:
-        unit, sureness, why = _by_size(quantity, np.stack([numbers[n.place] for n in group]))
-    return tuple(Column(n.place, quantity, unit, n.axis, sureness, why) for n in group)
+        unit, sureness, why = _by_size(quantity, np.stack([numbers[n.column] for n in group]))
+    return tuple(Column(n.column, quantity, unit, n.axis, sureness, why) for n in group)
 
 
-def _said(quantity: str, cell: str) -> str | None:
+def _header_unit(quantity: str, cell: str) -> str | None:
     """Return the unit a header names."""
     match = _BARE_UNIT.search(cell)
     text = "" if match is None else (match[1] or match[2] or "")
@@ -664,7 +664,7 @@ def remark_line(remark: Remark) -> str:
 
 
 def _column(table: RawTable, column: Column) -> str:
-    key, quantity, unit = table.key(column.place), column.quantity, column.unit
+    key, quantity, unit = table.key(column.column), column.quantity, column.unit
     axis = f", axis = {toml_value(column.axis)}" if column.axis else ""
     return (
         f"{{column = {toml_value(key)}, quantity = {toml_value(quantity)}, "

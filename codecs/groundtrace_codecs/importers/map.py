@@ -685,7 +685,7 @@ def _headings(
     every_ns = map_.every_s * NS_PER_S
     rows = np.unique(np.searchsorted(times, np.arange(times[0], times[-1] + 1, every_ns)))
     rows = rows[(rows < len(times))]
-    pointing = turned(q[rows], np.broadcast_to(unit, (len(rows), 3)))
+    pointing = rotated(q[rows], np.broadcast_to(unit, (len(rows), 3)))
     usable = valid[rows] & (np.abs(pointing[:, 2]) <= np.sin(np.radians(map_.steepest_deg)))
     heading = np.arctan2(pointing[:, 1], pointing[:, 0])
     for row, angle in zip(rows[usable].tolist(), heading[usable].tolist(), strict=True):
@@ -714,7 +714,7 @@ def _disturbances(
 def _earth(q: Array, field: Array, late: int) -> Array:
     """Return the field in the earth frame, of a magnetometer that is ``late`` samples behind."""
     out = np.full_like(field, np.nan)
-    out[: len(q) - late] = turned(q[: len(q) - late], field[late:])
+    out[: len(q) - late] = rotated(q[: len(q) - late], field[late:])
     return out
 
 
@@ -747,8 +747,8 @@ def _spans(times: NDArray[np.int64], true: NDArray[np.bool_]) -> list[tuple[int,
     return [(int(times[a]), int(times[b]) if b < len(times) else after) for a, b in _rows(true)]
 
 
-def turned(q: Array, vectors: Array) -> Array:
-    """Return vectors, shape (n, 3), turned by unit quaternions (w, x, y, z), shape (n, 4)."""
+def rotated(q: Array, vectors: Array) -> Array:
+    """Return vectors, shape (n, 3), rotated by unit quaternions (w, x, y, z), shape (n, 4)."""
     w, u = q[:, :1], q[:, 1:]
     twice = 2 * np.cross(u, vectors)
     return np.asarray(vectors + w * twice + np.cross(u, twice))
@@ -937,7 +937,7 @@ def _rules(
             ignored += _ignore(last, event, truth, why)
         missing = False
         merged.append(event)
-    return merged + ignored, warnings + [_told(label, reference) for label in ignored]
+    return merged + ignored, warnings + [_ignore_warning(label, reference) for label in ignored]
 
 
 def _near(last: Label, event: Label, truth: TruthMap) -> bool:
@@ -966,7 +966,7 @@ def _ignore(last: Label, event: Label, truth: TruthMap, why: str) -> list[Label]
     return [Label(span[0], "ignore", span[1], note=why)] if span[0] < span[1] else []
 
 
-def _told(label: Label, reference: Reference) -> str:
+def _ignore_warning(label: Label, reference: Reference) -> str:
     assert label.end_ns is not None
     span = [(t - reference.start_ns) / NS_PER_S for t in (label.time_ns, label.end_ns)]
     return f"ignore {span[0]:.3f} to {span[1]:.3f} s: {label.note} in the reference"
@@ -1093,14 +1093,14 @@ class Laid:
         First sample of each file, in that order [ns].
     note
         One line: whose times these are.
-    own
+    own_times
         True where these are the files' own times.
     """
 
     order: tuple[int, ...]
     starts_ns: tuple[int, ...]
     note: str
-    own: bool
+    own_times: bool
 
 
 def lay_out(parts: Sequence[Part], what: str, gap_s: float = GAP_S) -> Laid:
@@ -1123,7 +1123,7 @@ def lay_out(parts: Sequence[Part], what: str, gap_s: float = GAP_S) -> Laid:
     else:
         starts = tuple(parts[i].start_ns for i in order)
         note = f"{len(parts)} {what}: each keeps its own time"
-        return Laid(tuple(order), starts, note, own=True)
+        return Laid(tuple(order), starts, note, own_times=True)
     starts_ns = [parts[0].start_ns]
     for part in parts[:-1]:
         starts_ns.append(starts_ns[-1] + part.end_ns - part.start_ns + round(gap_s * NS_PER_S))
@@ -1132,7 +1132,7 @@ def lay_out(parts: Sequence[Part], what: str, gap_s: float = GAP_S) -> Laid:
         tuple(range(len(parts))),
         tuple(starts_ns),
         f"{len(parts)} {what}: laid end to end, {apart}: the times of {names} overlap",
-        own=False,
+        own_times=False,
     )
 
 

@@ -386,7 +386,7 @@ def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
         match = _COLUMN.fullmatch(cell)
         if match is None:
             continue
-        coordinate = _place(cell, match["words"])
+        coordinate = _coordinate(cell, match["words"])
         if coordinate is not None:
             groups.setdefault(f"/fix/{PLACEMENT}", []).append(coordinate)
             continue
@@ -397,10 +397,10 @@ def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
         part = "_linear" if quantity == "acceleration" and _LINEAR.search(cell + file.name) else ""
         topic = f"{TOPICS[quantity]}{part}/{PLACEMENT}"
         groups.setdefault(topic, []).append(Wanted(cell, quantity, unit, axis))
-    return {t: tuple(c) for t, c in groups.items() if _whole(c)}
+    return {t: tuple(c) for t, c in groups.items() if _is_complete(c)}
 
 
-def _place(cell: str, words: str) -> Wanted | None:
+def _coordinate(cell: str, words: str) -> Wanted | None:
     """Return a column of a place on the globe."""
     word = words.strip().lower()
     if word == "height":
@@ -410,7 +410,7 @@ def _place(cell: str, words: str) -> Wanted | None:
     return Wanted(cell, word, "m" if word == "altitude" else "deg")
 
 
-def _whole(columns: list[Wanted]) -> bool:
+def _is_complete(columns: list[Wanted]) -> bool:
     """Return whether each axis is there once; places need all three numbers."""
     have = [c.axis or c.quantity for c in columns]
     if columns[0].quantity in _PHYPHOX_FIX:
@@ -546,7 +546,7 @@ def _acceleration(
     axes = _axes("acceleration", "m/s2")
     total = _columns(tables, "TotalAcceleration", axes)
     if total is not None:
-        return _turned(total, sign), ()
+        return _signed(total, sign), ()
     linear, gravity = (_columns(tables, name, axes) for name in _SUM)
     if (
         linear is not None
@@ -556,19 +556,19 @@ def _acceleration(
         both = (linear.values, gravity.values)
         values = Computed(len(linear.times_ns), lambda rows: both[0][rows] + both[1][rows])
         summed = replace(linear, values=values)
-        return _turned(summed, sign), ("acceleration is Accelerometer.csv plus Gravity.csv",)
+        return _signed(summed, sign), ("acceleration is Accelerometer.csv plus Gravity.csv",)
     raw = _columns(
         tables, "AccelerometerUncalibrated", _axes("acceleration", "g" if sign < 0 else "m/s2")
     )
     if raw is not None:
-        return _turned(raw, sign), ("acceleration is AccelerometerUncalibrated.csv",)
+        return _signed(raw, sign), ("acceleration is AccelerometerUncalibrated.csv",)
     if linear is None:
         return None, ()
     bare = replace(linear, topic=f"{_ACC}_linear/{PLACEMENT}")
-    return _turned(bare, sign), ("Accelerometer.csv is without gravity, and nothing else has it",)
+    return _signed(bare, sign), ("Accelerometer.csv is without gravity, and nothing else has it",)
 
 
-def _turned(stream: Sampled, sign: float) -> Sampled:
+def _signed(stream: Sampled, sign: float) -> Sampled:
     values = stream.values
     return replace(stream, values=Computed(len(values), lambda rows: values[rows] * sign))
 

@@ -170,7 +170,7 @@ class _Topic:
         self.stream, self.values = stream, Spool(np.float64, (count,))
         self.times_ns: list[NDArray[np.int64]] = []
         self.in_range = True
-        self._heard = np.zeros(count, np.bool_)
+        self._nonzero = np.zeros(count, np.bool_)
 
     def add(self, block: SignalBlock) -> None:
         """Take what follows."""
@@ -180,14 +180,14 @@ class _Topic:
         self.values.write(samples)
         self.times_ns.append(block.sample_times())
         self.in_range = self.in_range and in_range(block.samples)
-        self._heard |= np.nan_to_num(samples).any(axis=0)
+        self._nonzero |= np.nan_to_num(samples).any(axis=0)
 
     def silent(self) -> str:
         """Return the quantity of a sensor an Imu does not have: it leaves it zero; else nothing."""
         columns = {quantity: self.stream.columns_of({quantity}) for quantity in _IMU}
         if self.stream.columns_of(set(_IMU)) != list(range(len(self.stream.channels))):
             return ""
-        silent = [q for q, of in columns.items() if not self._heard[of].any()]
+        silent = [q for q, of in columns.items() if not self._nonzero[of].any()]
         return silent[0] if len(silent) == 1 else ""
 
 

@@ -335,7 +335,7 @@ class _Counts:
     strict: bool = False
     start_ns: int = 0
     progress: Callable[[float], None] | None = None
-    heard: Sequence[str] = ()
+    listener_remarks: Sequence[str] = ()
 
     def refuse(self, warnings: Sequence[str]) -> None:
         """Raise a SchemaError for the first warning, where none is allowed."""
@@ -344,7 +344,7 @@ class _Counts:
 
     def remarks(self) -> list[str]:
         units = [line for watch in self.units.values() for line in watch.remarks()]
-        return [*units, *self.heard]
+        return [*units, *self.listener_remarks]
 
     def counted(self, blocks: Iterable[SignalBlock]) -> Iterator[SignalBlock]:
         for block in blocks:
@@ -358,7 +358,7 @@ class _Counts:
             yield block
         self.open -= 1
         if not self.open and self.listener is not None:
-            self.heard = self.listener.remarks()
+            self.listener_remarks = self.listener.remarks()
         self.refuse(self.remarks())
 
 

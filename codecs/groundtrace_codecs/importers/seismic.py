@@ -309,13 +309,13 @@ def _read_other(path: Path, file: IO[bytes], spool: Spool) -> list[Segment]:
         if form in ("SEGY", "SU"):
             return list(_segy(file, form, spool))
         return [
-            Segment.of(trace.stats, _kept(spool, trace.data))
+            Segment.of(trace.stats, _spooled(spool, trace.data))
             for content in _sections(file)
             for trace in _traces(content, form)
         ]
 
 
-def _kept(spool: Spool, samples: NDArray[Any]) -> Pieces:
+def _spooled(spool: Spool, samples: NDArray[Any]) -> Pieces:
     column = Pieces(spool, samples.dtype)
     column.add(samples)
     return column
@@ -403,7 +403,7 @@ def _segy(file: IO[bytes], form: str, spool: Spool) -> Iterator[Segment]:
 
     file.seek(0)
     for trace in {"SEGY": iread_segy, "SU": iread_su}[form](file):
-        yield Segment.of(trace.stats, _kept(spool, trace.data), form)
+        yield Segment.of(trace.stats, _spooled(spool, trace.data), form)
 
 
 def _sections(file: IO[bytes]) -> Iterator[bytes]:
@@ -661,7 +661,7 @@ def _shot(path: Path, traces: Sequence[Segment]) -> Shot:
             f"{path.name}: expected traces of one length, rate and DELAY, "
             f"found {len(shapes)} lengths or rates and {len(delays)} delays"
         )
-    receivers = [_place(path, h, "RECEIVER_LOCATION") for h in headers]
+    receivers = [_position(path, h, "RECEIVER_LOCATION") for h in headers]
     positions = [r for r in receivers if r is not None]
     scales = [_number(path, h, "DESCALING_FACTOR", 0.0) * 1e-3 for h in headers]
     return Shot(
@@ -669,7 +669,7 @@ def _shot(path: Path, traces: Sequence[Segment]) -> Shot:
         start_ns=traces[0].start_ns,
         rate_hz=traces[0].rate_hz,
         delay_s=delays.pop(),
-        source=_place(path, headers[0], "SOURCE_LOCATION"),
+        source=_position(path, headers[0], "SOURCE_LOCATION"),
         receivers=tuple(positions) if len(positions) == len(receivers) else None,
         scales_v=tuple(scales) if all(s > 0 for s in scales) else None,
         channels=tuple(t.data for t in traces),
@@ -687,8 +687,8 @@ def _number(path: Path, header: Any, key: str, default: float) -> float:
     return value
 
 
-def _place(path: Path, header: Any, key: str) -> tuple[float, float, float] | None:
-    """Return a place of the header [m]: one to three coordinates, the rest 0."""
+def _position(path: Path, header: Any, key: str) -> tuple[float, float, float] | None:
+    """Return a position of the header [m]: one to three coordinates, the rest 0."""
     words = str(header.get(key, "")).split()
     if not words:
         return None
@@ -882,7 +882,7 @@ class Epoch:
     fault: str = ""
 
     @property
-    def place(self) -> tuple[float, float, float]:
+    def position(self) -> tuple[float, float, float]:
         """Latitude, longitude [deg] and height [m]."""
         return self.latitude_deg, self.longitude_deg, self.height_m
 
@@ -1111,8 +1111,8 @@ def describe(
             )
             factors[name] = tuple(epoch.scale / valid_epochs[0].scale for epoch in valid_epochs)
         if valid_epochs:
-            places[name] = valid_epochs[0].place
-            if any(epoch.place != valid_epochs[0].place for epoch in valid_epochs):
+            places[name] = valid_epochs[0].position
+            if any(epoch.position != valid_epochs[0].position for epoch in valid_epochs):
                 warnings.append(f"{stations.name}: {name}: was moved: its first place is kept")
     site = Described(made, factors, warnings=tuple(warnings))
     return _placed(site, places, stations.name) if places else site

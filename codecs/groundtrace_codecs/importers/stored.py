@@ -264,9 +264,9 @@ class StoredArray:
 
     Attributes
     ----------
-    place
+    where
         File and name, for messages.
-    whole, dtype
+    lengths, dtype
         Lengths of all axes as they are stored, and what the numbers are.
     fetch
         Given indices of the first axes, one of them ``[start, stop)``, returns an array of the
@@ -277,8 +277,8 @@ class StoredArray:
         What is taken of each axis: an index, or None for all of it.
     """
 
-    place: str
-    whole: tuple[int, ...]
+    where: str
+    lengths: tuple[int, ...]
     dtype: np.dtype[Any]
     fetch: Callable[[tuple[int, ...], int, int], NDArray[Any]]
     fortran: bool = False
@@ -286,12 +286,12 @@ class StoredArray:
     _last: dict[Any, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.taken = self.taken or (None,) * len(self.whole)
+        self.taken = self.taken or (None,) * len(self.lengths)
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Lengths of the axes that are left."""
-        return tuple(self.whole[axis] for axis in self._free())
+        return tuple(self.lengths[axis] for axis in self._free())
 
     def _free(self) -> list[int]:
         """Return the axes that are left, in the order in which they are named."""
@@ -313,7 +313,7 @@ class StoredArray:
         for axis, at in zip(free, index, strict=False):
             if isinstance(at, slice):
                 continue
-            length = self.whole[axis]
+            length = self.lengths[axis]
             if not -length <= at < length:
                 raise IndexError(f"index {at} is out of bounds for an axis of {length}")
             taken[axis] = at % length
@@ -323,7 +323,7 @@ class StoredArray:
     def column(self) -> StoredColumn | None:
         """Return the one axis that is longer than 1 as a column, None where several are."""
         free = self._free()
-        long = [axis for axis in free if self.whole[axis] != 1] or free[:1]
+        long = [axis for axis in free if self.lengths[axis] != 1] or free[:1]
         if len(long) != 1:
             return None
         taken = [0 if at is None else at for at in self.taken]
@@ -346,16 +346,16 @@ class StoredArray:
         FormatError
             Where the whole is too large for that.
         """
-        size = math.prod(self.whole) * self.dtype.itemsize
+        size = math.prod(self.lengths) * self.dtype.itemsize
         if size > _WHOLE_BYTES:
             raise FormatError(
-                f"{self.place}: expected at most {_WHOLE_BYTES} bytes of what is used as a whole, "
+                f"{self.where}: expected at most {_WHOLE_BYTES} bytes of what is used as a whole, "
                 f"found {size}"
             )
-        if not self.whole:
+        if not self.lengths:
             values = self.fetch((), 0, 1)[0]
         else:
-            values = self.fetch((), 0, self.whole[0])
+            values = self.fetch((), 0, self.lengths[0])
             taken: tuple[Any, ...] = tuple(slice(None) if at is None else at for at in self.taken)
             values = values[taken]
         return np.array(values.T if self.fortran else values, dtype, copy=copy)
@@ -380,12 +380,12 @@ class StoredColumn:
     taken: tuple[int, ...]
 
     def __len__(self) -> int:
-        return self.of.whole[self.axis]
+        return self.of.lengths[self.axis]
 
     def __getitem__(self, rows: slice, /) -> NDArray[Any]:
         start, stop, _ = rows.indices(len(self))
         lead, rest = self.taken[: self.axis], self.taken[self.axis + 1 :]
-        row_bytes = self.of.dtype.itemsize * math.prod(self.of.whole[self.axis + 1 :])
+        row_bytes = self.of.dtype.itemsize * math.prod(self.of.lengths[self.axis + 1 :])
         most = max(1, min(PIECE, _BLOCK_BYTES // max(1, row_bytes)))
         edges = [start, *range((start // most + 1) * most, stop, most), stop]
         parts = []

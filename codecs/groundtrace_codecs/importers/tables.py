@@ -250,14 +250,14 @@ class _Numbers(_Cells):
         ``number``, or the unit of a time.
     decimal
         ``.`` or ``,``.
-    spool, place
+    spool, column
         Where the numbers are kept, and in which column; fractions by their bits.
     """
 
     kind: str
     decimal: str
     spool: Spool
-    place: int
+    column: int
 
     def take(
         self, lines: Sequence[int], rows: Sequence[list[str]], block: NDArray[np.int64]
@@ -272,7 +272,7 @@ class _Numbers(_Cells):
         except (ValueError, InvalidOperation):
             numbers = [self._one(number, line, c) for line, c in zip(lines, cells, strict=True)]
         kind = np.float64 if self.kind == "number" else np.int64
-        block[:, self.place] = np.array(numbers, kind).view(np.int64)
+        block[:, self.column] = np.array(numbers, kind).view(np.int64)
 
     def _one(self, number: Callable[[str], float], line: int, cell: str) -> float:
         """Return the number of a cell; NaN of an empty one, which is no time."""
@@ -288,7 +288,7 @@ class _Numbers(_Cells):
     def rows(self) -> Column:
         """Return the numbers, or times [ns]."""
         kind = np.float64 if self.kind == "number" else np.int64
-        spool, column = self.spool, self.place
+        spool, column = self.spool, self.column
         return Computed(
             len(spool), lambda rows: np.ascontiguousarray(spool[rows][:, column]).view(kind)
         )
@@ -577,17 +577,17 @@ class _Window:
 
     def __init__(self, read: Callable[[int, int], bytes], size: int) -> None:
         self._read, self._size = read, size
-        self._begin, self._held = 0, b""
+        self._begin, self._buffered = 0, b""
 
     def __call__(self, at: int, count: int) -> bytes:
         """Return bytes from a place on."""
         inside = at - self._begin
-        if not 0 <= inside <= len(self._held) - count:
+        if not 0 <= inside <= len(self._buffered) - count:
             if count > _AHEAD_BYTES:
                 return self._read(at, count)
-            self._held = self._read(at, min(_AHEAD_BYTES, self._size - at))
+            self._buffered = self._read(at, min(_AHEAD_BYTES, self._size - at))
             self._begin, inside = at, 0
-        return self._held[inside : inside + count]
+        return self._buffered[inside : inside + count]
 
 
 @dataclass(frozen=True, slots=True)
@@ -778,7 +778,7 @@ class _Level5:
     def numbers(self) -> NDArray[Any]:
         """Return the next element's numbers, shape (n,)."""
         type_, content = self._numbers()
-        return np.frombuffer(self._held(content), self.order + type_)
+        return np.frombuffer(self._bytes(content), self.order + type_)
 
     def text(self) -> str:
         """Return the next element as a name."""
@@ -788,9 +788,9 @@ class _Level5:
         kind, content = self.element()
         if kind not in (1, 2, 16):
             raise self._wrong("a name", f"data of type {kind}")
-        return self._held(content)
+        return self._bytes(content)
 
-    def _held(self, content: _Part, each: int = 1) -> bytes:
+    def _bytes(self, content: _Part, each: int = 1) -> bytes:
         """Return the bytes of an element, each of which takes so many in memory."""
         self.room.take(len(content) * each)
         return content.bytes(0, len(content))
@@ -820,7 +820,7 @@ class _Level5:
     def _characters(self, shape: tuple[int, ...]) -> Any:
         """Return the rows of a text, a single one as str."""
         kind, part = self.element()
-        content = self._held(part, _LETTER_BYTES)
+        content = self._bytes(part, _LETTER_BYTES)
         if kind in _TEXTS:
             order = "" if kind == 16 else "-le" if self.order == "<" else "-be"
             text = str(content, _TEXTS[kind] + order, "replace")
@@ -1040,12 +1040,12 @@ class _Named(Mapping[str, Any]):
 
     def __init__(self, names: Iterable[str], read: Callable[[str], Any]) -> None:
         self._names, self._read = tuple(names), read
-        self._found: dict[str, Any] = {}
+        self._values: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._found:
-            self._found[name] = self._read(name)
-        return self._found[name]
+        if name not in self._values:
+            self._values[name] = self._read(name)
+        return self._values[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

@@ -215,7 +215,7 @@ class RemoteBytes:
         self._system, self._path = file_system(location)
         self.size = self._size()
         self._file = self._opened()
-        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._cached: OrderedDict[int, bytes] = OrderedDict()
         self._ahead, self._next = 1, -1
         self._digest = hashlib.sha256()
         self._hashed = 0
@@ -232,7 +232,7 @@ class RemoteBytes:
 
     def close(self) -> None:
         """Forget what was kept; what is read later is fetched anew."""
-        self._kept.clear()
+        self._cached.clear()
         if self._file is not None:
             self._file.close()
         self._file = None
@@ -252,30 +252,30 @@ class RemoteBytes:
     def _blocks(self, first: int, last: int) -> list[bytes]:
         blocks: list[bytes] = []
         for number in range(first, last + 1):
-            if number not in self._kept:
+            if number not in self._cached:
                 # blocks that were found already may be forgotten to make place for new ones
                 self._fetch(number, last)
-            self._kept.move_to_end(number)
-            blocks.append(self._kept[number])
+            self._cached.move_to_end(number)
+            blocks.append(self._cached[number])
         return blocks
 
     def _fetch(self, first: int, last: int) -> None:
         """Fetch a block and those after it: as far as asked for, or further where reads run on."""
         self._ahead = min(2 * self._ahead, MOST_AHEAD) if first == self._next else 1
         wanted = max(min(last - first + 1, MOST_AHEAD), self._ahead)
-        stop = next((n for n in range(first, first + wanted) if n in self._kept), first + wanted)
+        stop = next((n for n in range(first, first + wanted) if n in self._cached), first + wanted)
         data = self._range(first * BLOCK_BYTES, min(stop * BLOCK_BYTES, self.size))
         for at in range(0, len(data), BLOCK_BYTES):
-            self._kept[first + at // BLOCK_BYTES] = data[at : at + BLOCK_BYTES]
+            self._cached[first + at // BLOCK_BYTES] = data[at : at + BLOCK_BYTES]
         self._next = stop
         self._hash()
-        while len(self._kept) > KEPT_BLOCKS:
-            self._kept.popitem(last=False)
+        while len(self._cached) > KEPT_BLOCKS:
+            self._cached.popitem(last=False)
 
     def _hash(self) -> None:
         """Take the kept blocks that come next into the hash."""
-        while self._hashed in self._kept:
-            self._digest.update(self._kept[self._hashed])
+        while self._hashed in self._cached:
+            self._digest.update(self._cached[self._hashed])
             self._hashed += 1
 
     def _size(self) -> int:

@@ -840,7 +840,7 @@ class MessageTable(Sequence[Message]):
                 rows["log_time"][begin:end][some] = heads["log_time"]
         return MessageTable(self.pieces, rows)
 
-    def alike(self) -> int:
+    def same_payload_count(self) -> int:
         """Return how many messages, from the first on, have its payload, if that is a short one.
 
         Of a table that has some; what is so for the first is so for them, as long as it does not

@@ -155,7 +155,7 @@ class PipeBytes:
     def __init__(self, pipe: BinaryIO, name: str) -> None:
         self.name = name
         self.size = 0
-        self._kept = bytearray()
+        self._buffer = bytearray()
         self._start = 0
         self._digest = hashlib.sha256()
         self._refused: OSError | None = None
@@ -168,7 +168,7 @@ class PipeBytes:
     def ended(self) -> bool:
         """True where the other side has closed the pipe and everything is in `size`."""
         with self._changed:
-            return self._at_end and self.size == self._start + len(self._kept)
+            return self._at_end and self.size == self._start + len(self._buffer)
 
     def grow(self) -> bool:
         """Take notice of what came.
@@ -182,7 +182,7 @@ class PipeBytes:
             if self._refused is not None:
                 reason = self._refused.strerror
                 raise CodecError(f"{self.name}: expected bytes to read, found: {reason}")
-            size = self._start + len(self._kept)
+            size = self._start + len(self._buffer)
         grown, self.size = size > self.size, size
         return grown
 
@@ -194,12 +194,12 @@ class PipeBytes:
                     f"{self.name}: expected to be read once, found byte {offset} asked for again"
                 )
             first = offset - self._start
-            return bytes(self._kept[first : first + max(0, min(length, self.size - offset))])
+            return bytes(self._buffer[first : first + max(0, min(length, self.size - offset))])
 
     def forget(self, before: int) -> None:
         """Let go of what lies before an offset."""
         with self._changed:
-            del self._kept[: max(0, before - self._start)]
+            del self._buffer[: max(0, before - self._start)]
             self._start = max(self._start, before)
             self._changed.notify_all()
 
@@ -212,7 +212,7 @@ class PipeBytes:
         """Read no more."""
         with self._changed:
             self._closed = True
-            self._kept.clear()
+            self._buffer.clear()
             self._changed.notify_all()
 
     def _take(self, pipe: BinaryIO) -> None:
@@ -223,10 +223,10 @@ class PipeBytes:
             except OSError as error:
                 self._refused, piece = error, b""
             with self._changed:
-                self._kept += piece
+                self._buffer += piece
                 self._digest.update(piece)
                 self._at_end = not piece
-                self._changed.wait_for(lambda: self._closed or len(self._kept) < AHEAD_BYTES)
+                self._changed.wait_for(lambda: self._closed or len(self._buffer) < AHEAD_BYTES)
                 if self._closed or not piece:
                     return
 
@@ -281,7 +281,7 @@ class FollowedFile:
         self._source, self._stop, self._tell = source, stop, tell
         self._arrived: list[MessageTable] = []
         self._scanner = Scanner(source, 0, self._arrived.append)
-        self._held = MessageTable.none()
+        self._unsettled = MessageTable.none()
         self._waits_since = time.monotonic()
         self._stalled = False
         self._broke: list[Damage] = []
@@ -289,17 +289,17 @@ class FollowedFile:
     @property
     def channels(self) -> dict[int, ChannelRecord]:
         """Channels that were met so far, by id."""
-        return self._scanner.found.definitions.channels
+        return self._scanner.scan.definitions.channels
 
     @property
     def schemas(self) -> dict[int, Schema]:
         """Schemas that were met so far, by id."""
-        return self._scanner.found.definitions.schemas
+        return self._scanner.scan.definitions.schemas
 
     @property
     def damage(self) -> tuple[Damage, ...]:
         """What was left out so far."""
-        return (*self._scanner.found.damage, *self._broke)
+        return (*self._scanner.scan.damage, *self._broke)
 
     @property
     def finished(self) -> bool:
@@ -332,15 +332,15 @@ class FollowedFile:
                 self._torn()
                 break
             yield from self._waited()
-        if self._held:
-            yield self._held
+        if self._unsettled:
+            yield self._unsettled
 
     def _settled(self) -> Iterator[MessageTable]:
         """Yield what arrived, but for the newest, which others may still come before."""
-        buffered = MessageTable.joined([self._held, *self._arrived]).in_order()
+        buffered = MessageTable.joined([self._unsettled, *self._arrived]).in_order()
         self._arrived.clear()
         settled = buffered.before(int(buffered.rows["log_time"][-1]) - LATE_NS)
-        self._held = MessageTable.of(buffered[settled:])  # a slice would keep all chunks before it
+        self._unsettled = MessageTable.of(buffered[settled:])  # a slice would keep all chunks before it
         if settled:
             yield buffered[:settled]
 
@@ -357,8 +357,8 @@ class FollowedFile:
         if not self._stalled and waited_s >= STALL_S:
             self._stalled = True
             self._tell(f"{self._source.name}: {self._pending()} for {STALL_S:g} s; still waiting")
-        if self._held and waited_s >= LATE_NS / NS_PER_S:
-            buffered, self._held = self._held, MessageTable.none()
+        if self._unsettled and waited_s >= LATE_NS / NS_PER_S:
+            buffered, self._unsettled = self._unsettled, MessageTable.none()
             yield buffered
         self._stop.wait(POLL_S)
 

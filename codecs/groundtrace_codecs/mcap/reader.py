@@ -795,7 +795,7 @@ class ChunkLoader:
         if self._last is not None and self._last[0] == entry.offset:
             return self._last[1]
         self._last = None  # its memory is wanted for the next one
-        records = self._found(reader, entry, note)
+        records = self._read(reader, entry, note)
         self._last = (entry.offset, records)
         return records
 
@@ -803,7 +803,7 @@ class ChunkLoader:
         """Let go of the last chunk."""
         self._last = None
 
-    def _found(
+    def _read(
         self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
     ) -> memoryview:
         try:
@@ -878,7 +878,7 @@ def merge(
             refuse(chunk, MalformedError(reason))
         _keep(left, chunk.offset, table)
         following = chunks[index + 1 : index + 2]
-        table = _due(left, following[0].start_ns if following else _NEVER_NS)
+        table = _take_before(left, following[0].start_ns if following else _NEVER_NS)
         if table:
             floor_ns = int(table.rows["log_time"][-1])
             yield table
@@ -890,7 +890,7 @@ def _keep(left: list[_Left], offset: int, run: MessageTable) -> None:
         heappush(left, (int(run.rows["log_time"][0]), offset, run))
 
 
-def _due(left: list[_Left], stop_ns: int) -> MessageTable:
+def _take_before(left: list[_Left], stop_ns: int) -> MessageTable:
     """Take out the messages before a time [ns], in order."""
     runs: dict[int, MessageTable] = {}
     while left and left[0][0] < stop_ns:

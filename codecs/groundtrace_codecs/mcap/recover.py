@@ -92,7 +92,7 @@ class Scanner:
 
     Attributes
     ----------
-    found
+    scan
         What the records said so far.
     offset
         Where the first record lies that was not taken yet [bytes].
@@ -104,12 +104,12 @@ class Scanner:
         self, source: ByteSource, start: int, deliver: Callable[[MessageTable], None] | None = None
     ) -> None:
         self._source = source
-        self.found = Scan(start, source.size)
-        self._heads = RecordHeaderScan(source, self.found.definitions.channels)
+        self.scan = Scan(start, source.size)
+        self._heads = RecordHeaderScan(source, self.scan.definitions.channels)
         self._window = self._heads.window
         self._indexing = False
         self._chunked = False
-        self._reader = ChunkReader(source, self.found.definitions)
+        self._reader = ChunkReader(source, self.scan.definitions)
         self._deliver = deliver
         self.offset = start + len(MAGIC)
         self.ended = False
@@ -118,7 +118,7 @@ class Scanner:
         """Walk to the end of the file, whatever is broken on the way."""
         while self.step(growing=False):
             pass
-        return self.found
+        return self.scan
 
     def refresh(self) -> None:
         """Look again at what was only seen in part: the file may have grown."""
@@ -135,7 +135,7 @@ class Scanner:
         if self.ended:
             return False
         offset, size = self.offset, self._source.size
-        self._heads.stop = self.found.stop = size
+        self._heads.stop = self.scan.stop = size
         if offset >= size or (growing and self._heads.is_cut(offset)):
             return False
         head = self._heads.believed(offset)
@@ -149,7 +149,7 @@ class Scanner:
         if taken:
             self.offset += taken
         elif self._heads.begins_file(offset):
-            self.found.stop = offset
+            self.scan.stop = offset
             self.ended = True
         else:
             self.offset = self._broken(offset, growing=growing)
@@ -162,7 +162,7 @@ class Scanner:
         if opcode == MESSAGE and indexing and self._reads_as_index(offset, length):
             self._indexing = True
             reason = "message index: expected opcode 0x07, found 0x05"
-            self.found.note(offset, size, reason, 0)
+            self.scan.note(offset, size, reason, 0)
         elif opcode == MESSAGE:
             size = self._bare_run(offset)
             if size:
@@ -203,26 +203,26 @@ class Scanner:
         self._keep(entry, records)
 
     def _keep(self, entry: ChunkEntry, records: memoryview) -> None:
-        channels = self.found.definitions.channels
+        channels = self.scan.definitions.channels
         try:
             messages, strays = self._reader.messages(records, channels, *ANY_TIME)
         except MalformedError as error:
             self._lost(entry, error)
             return
         if strays:
-            self.found.note(entry.offset, entry.length, gap_reason(entry), strays)
+            self.scan.note(entry.offset, entry.length, gap_reason(entry), strays)
         if messages and self._deliver is not None:
             self._deliver(messages)
         if messages:
             counts = messages.counts()
             start_ns, end_ns = messages[0].log_time, messages[-1].log_time
             there = (start_ns, end_ns, frozenset(counts), entry.bare)
-            self.found.counts.append(counts)
-            self.found.chunks.append(ChunkEntry(entry.offset, entry.length, *there))
+            self.scan.counts.append(counts)
+            self.scan.chunks.append(ChunkEntry(entry.offset, entry.length, *there))
 
     def _note(self, opcode: int, offset: int, length: int) -> None:
         """Take a definition, metadata or attachment record; a malformed one is damage."""
-        start, scan = offset + RECORD_HEAD.size, self.found
+        start, scan = offset + RECORD_HEAD.size, self.scan
         try:
             if opcode == ATTACHMENT:
                 head = Fields(self._window.view(start, min(length, _ATTACHMENT_HEAD_BYTES)))
@@ -250,19 +250,19 @@ class Scanner:
             return
         if opcode == DATA_END:
             self._check_data(offset)
-        elif (last := self.found.running_on()) is not None:
+        elif (last := self.scan.running_on()) is not None:
             # there are messages alone: nothing is defined on the way
             message_offset = int(message_places(self._reader.records(last), int)[-1])
-            self.found.drop_last(last, message_offset)
+            self.scan.drop_last(last, message_offset)
             if message_offset:
                 self._entry(replace(last, length=message_offset))
         closing = self._closing(offset)
         following = self._heads.next_file(closing or offset)
-        self.found.stop = self._source.size if following is None else following
-        rest = 0 if closing is None else self.found.stop - closing
+        self.scan.stop = self._source.size if following is None else following
+        rest = 0 if closing is None else self.scan.stop - closing
         if closing is not None and rest > 0:
             reason = f"end of file: expected nothing after the closing magic, found {rest} bytes"
-            self.found.note(closing, rest, reason, 0)
+            self.scan.note(closing, rest, reason, 0)
 
     def _closing(self, offset: int) -> int | None:
         """Give where the file's closing magic ends; None where the records do not lead to it."""
@@ -285,11 +285,11 @@ class Scanner:
         messages outside chunks, and which of them is wrong cannot be told.
         """
         expected = U32.unpack(self._window.view(offset + RECORD_HEAD.size, U32.size))[0]
-        if not expected or not any(chunk.bare for chunk in self.found.chunks):
+        if not expected or not any(chunk.bare for chunk in self.scan.chunks):
             return
-        actual_crc = crc32_of(self._source, self.found.start, offset)
+        actual_crc = crc32_of(self._source, self.scan.start, offset)
         if actual_crc != expected:
-            self.found.drop_bare(
+            self.scan.drop_bare(
                 "messages outside chunks: "
                 f"expected data section CRC 0x{expected:08x}, found 0x{actual_crc:08x}"
             )
@@ -330,7 +330,7 @@ class Scanner:
         except MalformedError:
             return 0
         self._chunked = self._indexing = True
-        self.found.note(offset, RECORD_HEAD.size, self._reader.head_fault(entry), 0)
+        self.scan.note(offset, RECORD_HEAD.size, self._reader.head_fault(entry), 0)
         self._keep(entry, records)
         return size
 
@@ -341,7 +341,7 @@ class Scanner:
             f"record head: expected opcode 0x{opcode:02x} of {length} bytes, found {stated}; "
             "read by the record's own fields"
         )
-        self.found.note(offset, RECORD_HEAD.size, reason, 0)
+        self.scan.note(offset, RECORD_HEAD.size, reason, 0)
         return self._take(offset, opcode, length)
 
     def _cut_attachment(self, offset: int) -> bool:
@@ -358,7 +358,7 @@ class Scanner:
             times = U64_U64.unpack(self._window.view(entry.offset + RECORD_HEAD.size, U64_U64.size))
         messages = indexed_messages(self._source, entry.offset + entry.length).messages
         reason = f"{'messages outside chunks' if entry.bare else 'chunk'}: {error}"
-        self.found.damage.append(Damage(entry.offset, entry.length, *times, messages, reason))
+        self.scan.damage.append(Damage(entry.offset, entry.length, *times, messages, reason))
 
     def _torn(self, offset: int, stop: int) -> None:
         """Note that nothing can be told of the bytes from ``offset`` to ``stop``."""
@@ -370,7 +370,7 @@ class Scanner:
         reason = truncation_reason(head, self._source.size - offset)
         if stop < self._source.size:
             reason += f"; found again at byte {stop}"
-        self.found.damage.append(Damage(offset, stop - offset, *times, index.messages, reason))
+        self.scan.damage.append(Damage(offset, stop - offset, *times, index.messages, reason))
 
 
 @dataclass(slots=True)

@@ -145,7 +145,7 @@ class _Walk:
 
     def __init__(self, data: bytes | memoryview, where: str) -> None:
         self._data = memoryview(data)
-        self._place = where
+        self._where = where
         order = _ORDERS.get(bytes(self._data[:2]))
         if order is None or len(data) < _HEADER:
             header = bytes(self._data[:_HEADER]).hex() or "nothing"
@@ -164,7 +164,7 @@ class _Walk:
     def _need(self, size: int, path: str) -> None:
         if size > len(self._data) - self._at:
             raise FormatError(
-                f"{self._place}: {path}: expected {size} bytes at {self._at}, "
+                f"{self._where}: {path}: expected {size} bytes at {self._at}, "
                 f"found {len(self._data) - self._at}"
             )
 
@@ -198,7 +198,7 @@ class _Walk:
         count = self._length(path)
         if field.longest is not None and count > field.longest:
             raise FormatError(
-                f"{self._place}: {path}: expected at most {field.longest} elements, found {count}"
+                f"{self._where}: {path}: expected at most {field.longest} elements, found {count}"
             )
         return count
 
@@ -230,7 +230,7 @@ class CdrDecoder:
 
     def __init__(self, definition: Definition, where: str = "CDR") -> None:
         self.definition = definition
-        self._place = where
+        self._where = where
         self._layouts: dict[int, Layout] = {}
 
     def layout(self, payload: bytes | memoryview) -> Layout:
@@ -241,7 +241,7 @@ class CdrDecoder:
         FormatError
             Where the payload ends early, is no plain CDR, or a length exceeds what is left.
         """
-        return _Walk(payload, self._place).layout(self.definition)
+        return _Walk(payload, self._where).layout(self.definition)
 
     def decode(self, payload: bytes | memoryview) -> dict[str, list[Any]]:
         """Decode one message: path to its values; strings come as ``str``.
@@ -742,11 +742,11 @@ class _Resolver:
 
     def __init__(self, sources: dict[str, str]) -> None:
         self._sources = sources
-        self._known: dict[str, Definition] = {}
+        self._definitions: dict[str, Definition] = {}
 
     def resolve(self, name: str, parents: tuple[str, ...]) -> Definition:
-        if name in self._known:
-            return self._known[name]
+        if name in self._definitions:
+            return self._definitions[name]
         if name in parents or len(parents) >= _MAX_DEPTH:
             raise SchemaError(f"{name}: expected a finite message, found it nested in itself")
         if name not in self._sources:
@@ -758,8 +758,8 @@ class _Resolver:
             self._line(name, line, (*parents, name), fields, constants)
         if not fields:
             self._line(name, _EMPTY, parents, fields, constants)
-        self._known[name] = _definition(name, fields, constants)
-        return self._known[name]
+        self._definitions[name] = _definition(name, fields, constants)
+        return self._definitions[name]
 
     def _line(
         self,

@@ -157,7 +157,7 @@ def truth_of_annotations(
     if author and not chosen:
         raise AnnotationError(f"{where}: author: expected annotations by {author!r}, found none")
     labels = _by_time(as_truth(a.label) for a in chosen)
-    together = [group for channel_labels in _alike(labels) for group in _groups(channel_labels)]
+    together = [group for channel_labels in _by_kind(labels) for group in _groups(channel_labels)]
     truth = _by_time(_one(group) for group in together)
     return Truth(truth, len(labels) - len(truth), len(conflicts(chosen)))
 
@@ -166,7 +166,7 @@ def _by_time(labels: Iterable[Label]) -> tuple[Label, ...]:
     return tuple(sorted(labels, key=lambda x: (x.time_ns, x.kind, x.channel, x.author)))
 
 
-def _alike(labels: Iterable[Label]) -> list[list[Label]]:
+def _by_kind(labels: Iterable[Label]) -> list[list[Label]]:
     """Return labels of one kind on one channel together; every span alone."""
     by_kind: dict[tuple[str, str], list[Label]] = {}
     alone: list[list[Label]] = []

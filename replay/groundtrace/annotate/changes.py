@@ -121,7 +121,7 @@ class Done:
 def unchanged(path: Path) -> Done:
     """Return the annotations of a recording as they are."""
     state = stored(path)
-    return Done(path, state.key, state.extent, state.kept.annotations, state.kept.remarks)
+    return Done(path, state.key, state.extent, state.content.annotations, state.content.remarks)
 
 
 def changed(path: Path, author: str, asked: Changes) -> Done:

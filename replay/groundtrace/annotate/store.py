@@ -338,7 +338,7 @@ class Stored:
         The recording.
     extent
         Its first and last sample.
-    kept
+    content
         Its annotations, and how they are kept.
     """
 
@@ -349,7 +349,7 @@ class Stored:
     @property
     def labels(self) -> tuple[Label, ...]:
         """What the annotations say, by time."""
-        return tuple(a.label for a in self.kept.annotations)
+        return tuple(a.label for a in self.content.annotations)
 
 
 def stored(recording: Path) -> Stored:
@@ -642,14 +642,14 @@ class Annotations:
         self.author = author
         self.key: RecordingKey = state.key
         self.extent: Extent = state.extent
-        self.remarks = state.kept.remarks
-        self._items = {a.id: a for a in state.kept.annotations}
-        self._begun = state.kept.journal
+        self.remarks = state.content.remarks
+        self._items = {a.id: a for a in state.content.annotations}
+        self._begun = state.content.journal
         self._journal_path = journal_of(self.path)
         self._writer: JournalWriter | None = None
         self._lock = lock
         self._one_at_a_time = threading.RLock()
-        if self._begun.length and not state.kept.current:
+        if self._begun.length and not state.content.current:
             self._write_sidecar()
 
     @classmethod

@@ -218,7 +218,7 @@ def annotations_to_show(
     from ..annotate.store import stored
 
     try:
-        sidecar = stored(path).kept
+        sidecar = stored(path).content
     except (AnnotationError, CodecError) as error:
         report(f"annotations are left out: {error}")
         return ()

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-from ..api.doctor import Health, Installation, Place, health_of, inspect_installation
+from ..api.doctor import DamagedPart, Health, Installation, health_of, inspect_installation
 from ..api.files import named_recording, writable
 from ..errors import UsageError
 from .console import (
@@ -96,7 +96,7 @@ def _print_health(health: Health) -> None:
             print_line(f"left out: {fault}")
 
 
-def _place_text(damage: Place) -> str:
+def _place_text(damage: DamagedPart) -> str:
     lost = lost_messages(damage.messages).rstrip()
     span = ""
     if damage.start_s is not None and damage.end_s is not None:

@@ -160,4 +160,4 @@ def test_the_same_unreadable_message_is_tried_a_few_times_however_often_it_comes
 def test_messages_alike_are_those_with_the_payload_of_the_first(payloads: list[bytes]) -> None:
     table = MessageTable.of(Message(1, 0, 0, 0, memoryview(p)) for p in payloads)
     run = next((k for k, p in enumerate(payloads) if p != payloads[0]), len(payloads))
-    assert table.alike() == (run if len(payloads[0]) <= 256 else 1)
+    assert table.same_payload_count() == (run if len(payloads[0]) <= 256 else 1)

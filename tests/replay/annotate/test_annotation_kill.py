@@ -73,7 +73,7 @@ def test_kill_9_at_any_moment_loses_no_acknowledged_annotation(tmp_path: Path) -
     known: dict[str, int] = {}
     for _ in range(6):
         known = killed(recording, moments.uniform(0.0, 0.15), known)
-        found = stored(recording).kept.annotations
+        found = stored(recording).content.annotations
         kept = {a.id: a.label.time_ns for a in found}
         differing = {id_ for id_ in known.keys() | kept.keys() if known.get(id_) != kept.get(id_)}
         # the one action that was done but not told before the kill

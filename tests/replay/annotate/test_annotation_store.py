@@ -139,13 +139,13 @@ def test_a_torn_last_line_is_left_out_and_said(recording: Path) -> None:
     sidecar(recording).unlink()
     for end in (last + 2, (last + len(whole)) // 2, len(whole) - 1):
         journal(recording).write_bytes(whole[:end])
-        found = stored(recording).kept
+        found = stored(recording).content
         assert found.annotations == (first,)
         assert "torn and left out" in found.remarks[0]
     with Annotations.open(recording) as store:
         third = store.add(mark(3.0))
-    assert stored(recording).kept.annotations == (first, third)
-    assert stored(recording).kept.remarks == ()
+    assert stored(recording).content.annotations == (first, third)
+    assert stored(recording).content.remarks == ()
 
 
 def test_a_journal_that_is_ahead_or_alone_is_taken_over(recording: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_journal_that_is_ahead_or_alone_is_taken_over(recording: Path) -> None
         sidecar(recording).unlink(missing_ok=True)
         if content is not None:
             sidecar(recording).write_bytes(content)
-        assert stored(recording).kept.annotations == both
+        assert stored(recording).content.annotations == both
         with Annotations.open(recording) as store:
             assert store.items == both
         assert read_sidecar(sidecar(recording)).annotations == both
@@ -174,7 +174,7 @@ def test_a_sidecar_alone_is_gone_on_with(recording: Path) -> None:
         assert store.undo() == f"add {second.id}"
         assert store.undo() is None
     sidecar(recording).unlink()
-    assert stored(recording).kept.annotations == (first,)
+    assert stored(recording).content.annotations == (first,)
 
 
 def test_annotations_of_another_recording_are_refused_in_one_line(tmp_path: Path) -> None:
@@ -250,7 +250,7 @@ def test_a_full_disk_is_said_and_the_journal_stays_whole(
                 store.add(mark(2.0))
         assert store.items == (first,)
         second = store.add(mark(3.0))
-    found = stored(recording).kept
+    found = stored(recording).content
     assert (found.annotations, found.remarks) == ((first, second), ())
 
 

@@ -81,7 +81,7 @@ def noted(tmp_path_factory: pytest.TempPathFactory) -> Path:
             quietly("annotate", recording, "--add", at, "--note", note, "--author", "足")
     rrd = folder / "walk.rrd"
     quietly("replay", recording, "--rrd", rrd)
-    assert NOTES["japanese"][0] in {a.label.note for a in stored(recording).kept.annotations}
+    assert NOTES["japanese"][0] in {a.label.note for a in stored(recording).content.annotations}
     return rrd
 
 

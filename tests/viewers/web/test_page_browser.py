@@ -158,7 +158,7 @@ def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
         assert page.evaluate("document.activeElement.id") == "help-button"
         assert sorted(rows(page, "marks")) == ["missed", "note"]
         assert page.locator("#marks img").count() == 0
-    kept = {a.label.kind: a.label for a in stored(recording).kept.annotations}
+    kept = {a.label.kind: a.label for a in stored(recording).content.annotations}
     assert {kind: label.author for kind, label in kept.items()} == {"missed": "ada", "note": "ada"}
     assert kept["note"].note == "<img src=x onerror=alert(1)> m f s"
 

@@ -172,7 +172,7 @@ def test_a_folder_shows_the_replay_over_a_plain_server_without_a_network(
         assert page.locator("svg").count() >= 2
     assert refused == []
     merged = done(capsys, "annotate", walk.recording, "--merge", tmp_path / "marks.json").out
-    kept = {a.label.kind: a.label for a in stored(walk.recording).kept.annotations}
+    kept = {a.label.kind: a.label for a in stored(walk.recording).content.annotations}
     assert set(kept) == {"note", "missed"}, "the shared one came back as it was"
     assert (kept["note"].note, kept["missed"].author) == ("<b>slow</b>", "bea")
     assert merged == "merged marks.json: 1 added, 1 known, 0 conflicts\n"

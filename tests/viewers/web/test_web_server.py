@@ -274,7 +274,7 @@ def test_marks_are_made_changed_taken_away_and_taken_back(served: Served, record
     change = mark("step", 2.5, label="left", time_ns=kept["time_ns"])
     (changed,) = ask(served, f"/api/annotations/{made['id']}", "PUT", change).document["marks"]
     assert (changed["kind"], changed["label"], changed["note"]) == ("step", "left", "")
-    assert [a.label.label for a in stored(recording).kept.annotations] == ["left"]
+    assert [a.label.label for a in stored(recording).content.annotations] == ["left"]
     assert ask(served, f"/api/annotations/{made['id']}", "DELETE", {}).document["marks"] == []
     assert ask(served, "/api/undo", "POST", {}).document["marks"] == [changed]
     assert ask(served, "/api/undo", "POST", {}).document["marks"] == [kept]
