@@ -673,7 +673,10 @@ def readable(
     except CodecError as error:
         # millions of empty messages are not tried one by one
         times = messages.rows["log_time"]
-        if messages.same_payload_count() == len(messages) and times.min() >> 63 == times.max() >> 63:
+        if (
+            messages.same_payload_count() == len(messages)
+            and times.min() >> 63 == times.max() >> 63
+        ):
             for message in messages:
                 leave_out(message, error)
             return []

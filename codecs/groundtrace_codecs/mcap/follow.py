@@ -340,7 +340,8 @@ class FollowedFile:
         buffered = MessageTable.joined([self._unsettled, *self._arrived]).in_order()
         self._arrived.clear()
         settled = buffered.before(int(buffered.rows["log_time"][-1]) - LATE_NS)
-        self._unsettled = MessageTable.of(buffered[settled:])  # a slice would keep all chunks before it
+        # a slice would keep all chunks before it
+        self._unsettled = MessageTable.of(buffered[settled:])
         if settled:
             yield buffered[:settled]
 

@@ -344,7 +344,7 @@ class Stored:
 
     key: RecordingKey
     extent: Extent
-    kept: StoredState
+    content: StoredState
 
     @property
     def labels(self) -> tuple[Label, ...]:
