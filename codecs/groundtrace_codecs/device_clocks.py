@@ -88,8 +88,7 @@ SAME_CLOCK = DeviceClock()
 class Line(NamedTuple):
     """A line ``y = at + slope * (x - about)`` through most of the points.
 
-    ``sigma`` is the scatter about it, ``slope_sigma`` the deviation of the slope, ``inliers`` tells
-    which points it goes through, shape (n,).
+    ``sigma`` is the scatter about it, ``slope_sigma`` the deviation of the slope.
     """
 
     about: float
@@ -97,7 +96,6 @@ class Line(NamedTuple):
     slope: float
     sigma: float
     slope_sigma: float
-    inliers: NDArray[np.bool_]
 
     def value(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the line at ``x``, shape (n,)."""
@@ -136,7 +134,7 @@ def robust_line(x: NDArray[np.float64], y: NDArray[np.float64]) -> Line:
         about, at = float(x[inliers].mean()), float(y[inliers].mean())
     spread = x[inliers] - x[inliers].mean()
     length = float(np.sqrt(spread @ spread))
-    return Line(about, at, slope, sigma, sigma / length if length else np.inf, inliers)
+    return Line(about, at, slope, sigma, sigma / length if length else np.inf)
 
 
 #: Name of the metadata record that says what was merged, and with which clocks.

@@ -57,7 +57,7 @@ def test_a_start_may_be_a_toml_time(tmp_path: Path) -> None:
         (MAP.replace('"acceleration"', '"acelleration"'), r"'acelleration'; did you mean accel"),
         (
             MAP.replace('"x"', '"nort"'),
-            r"axis: expected x, y, z or w of the sensor, or e, n or u .*, found 'nort': did you "
+            r"axis: expected x, y, z or w of the sensor, or e, n or u .*, found 'nort'; did you "
             r"mean north\?",
         ),
         ("delimeter = 'x'\n" + MAP, r"delimeter: expected a known key, .*; did you mean delimiter"),
