@@ -97,7 +97,7 @@ def stacked(columns: Sequence[Column]) -> Column:
 def picked(column: Column, rows: NDArray[np.intp]) -> Column:
     """Return rows of a column by their numbers, which may lie far from each other."""
 
-    def found(piece: slice) -> NDArray[Any]:
+    def rows_of(piece: slice) -> NDArray[Any]:
         wanted = rows[piece]
         order = np.argsort(wanted, kind="stable")
         blocks = wanted[order] // PIECE
@@ -112,7 +112,7 @@ def picked(column: Column, rows: NDArray[np.intp]) -> Column:
             values[order[a:b]] = part
         return values
 
-    return Computed(len(rows), found)
+    return Computed(len(rows), rows_of)
 
 
 def steps(column: Column) -> Iterator[NDArray[Any]]:

@@ -382,7 +382,7 @@ LISTED: Mapping[type[Any], Callable[[Any], tuple[str, str]]] = {
     LineCrossing: lambda one: (one.stage, crossing_text(one)),
     Gap: lambda gap: ("", f"{gap.topic} {gap.reason}, {gap.lost} lost".strip()),
     Disturbance: lambda span: (span.stage, "disturbed field"),
-    Disagreement: lambda found: (found.stage, f"{found.distance_m:.2f} m: {found.methods}"),
+    Disagreement: lambda one: (one.stage, f"{one.distance_m:.2f} m: {one.methods}"),
     Note: lambda note: (note.source, note.text),
 }
 

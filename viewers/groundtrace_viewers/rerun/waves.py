@@ -287,8 +287,8 @@ def _across(times: Array) -> Array:
 
 #: What lies over what.
 _ORDER = {
-    f"{WAVES}/{name}": float(place)
-    for place, name in enumerate(
+    f"{WAVES}/{name}": float(layer)
+    for layer, name in enumerate(
         ("grid", "trace", "truth", "below", "picked", "time", "yes", "no"),
     )
 }

@@ -517,6 +517,6 @@ if __name__ == "__main__":
     asked, size = given.readline().decode().split()
     sent = given.read(int(size))
     threading.Thread(target=end_with, args=(given,), daemon=True).start()
-    places = {name: Path(place) for name, _, place in (a.partition("=") for a in sys.argv[3:])}
+    places = {name: Path(path) for name, _, path in (a.partition("=") for a in sys.argv[3:])}
     renewed = places.get("moments", sent)
     main(Path(sys.argv[1]), int(sys.argv[2]), asked, renewed, places.get("opening"))
