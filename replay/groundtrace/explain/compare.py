@@ -250,11 +250,11 @@ def _against_truth(reasons: tuple[StepReasons, StepReasons]) -> list[Decision]:
     decisions = []
     for index, time_ns in enumerate(a.truth_ns.tolist()):
         detected = (index in right_a, index in right_b)
-        verdict = _said(detected, "both right", "only A right", "only B right", "both missed")
+        verdict = _by_side(detected, "both right", "only A right", "only B right", "both missed")
         decisions.append(_decision(reasons, time_ns, index + 1, verdict, detected))
     false = a.found_ns[a.false], b.found_ns[b.false]
     for time_ns, detected in _paired(*false, reasons[0].evidence.start_ns, a.tolerance_s):
-        verdict = _said(detected, "both false", "only A false", "only B false")
+        verdict = _by_side(detected, "both false", "only A false", "only B false")
         decisions.append(_decision(reasons, time_ns, None, verdict, detected))
     return decisions
 
@@ -267,7 +267,7 @@ def _against_each_other(sides: tuple[Evidence, Evidence], tolerance_s: float) ->
         StepReasons(sides[1], tolerance_s, _answering(sides[1], times[0], tolerance_s)),
     )
     return [
-        _decision(reasons, time_ns, None, _said(detected, "both", "only A", "only B"), detected)
+        _decision(reasons, time_ns, None, _by_side(detected, "both", "only A", "only B"), detected)
         for time_ns, detected in _paired(*times, sides[0].start_ns, tolerance_s)
     ]
 
@@ -279,7 +279,9 @@ def _answering(evidence: Evidence, true_ns: NDArray[np.int64], tolerance_s: floa
     return match_steps(labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
 
 
-def _said(detected: tuple[bool, bool], both: str, only_a: str, only_b: str, none: str = "") -> str:
+def _by_side(
+    detected: tuple[bool, bool], both: str, only_a: str, only_b: str, none: str = ""
+) -> str:
     return {(True, True): both, (True, False): only_a, (False, True): only_b}.get(detected, none)
 
 

@@ -212,7 +212,7 @@ def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -
         if not no:
             times.setdefault(label.channel, []).append(label.time_ns)
     truth = {name: np.array(sorted(those), np.int64) for name, those in sorted(times.items())}
-    return PassTruth(truth, stations, tuple(labels), tolerance_s, heard=kind == "presence")
+    return PassTruth(truth, stations, tuple(labels), tolerance_s, while_present=kind == "presence")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,7 +249,7 @@ class PassTruth:
         All truth: what is to be ignored.
     tolerance_s
         Of the match [s].
-    heard
+    while_present
         Whether it is enough that the station hears a vehicle at the moment; what it hears a
         quarter of a minute from any pass, without a break, then counts as one false.
     """
@@ -258,14 +258,14 @@ class PassTruth:
     stations: dict[str, str]
     labels: tuple[Label, ...]
     tolerance_s: float
-    heard: bool
+    while_present: bool
 
     def verdicts(self, passed: Sequence[tuple[StageSpec, Candidates]]) -> Verdicts:
         """Match station by station."""
-        detected_ns = self._found(passed)
+        detected_ns = self._times_by_station(passed)
         none = np.empty(0, np.int64)
         hits, false = [np.empty(0, np.bool_)], [none]
-        judge = self._overheard if self.heard else self._told
+        judge = self._while_present if self.while_present else self._one_to_one
         for station in sorted({*self.times_ns, *detected_ns}):
             truth = self.times_ns.get(station, none)
             hit, wrong = judge(truth, detected_ns.get(station, none))
@@ -274,7 +274,7 @@ class PassTruth:
         wrong = np.concatenate(false)
         return Verdicts(np.concatenate(hits), wrong[~ignored(self.labels, wrong)])
 
-    def _found(
+    def _times_by_station(
         self, passed: Sequence[tuple[StageSpec, Candidates]]
     ) -> dict[str, NDArray[np.int64]]:
         parts: dict[str, list[NDArray[np.int64]]] = {}
@@ -285,7 +285,7 @@ class PassTruth:
                 parts.setdefault(station, []).append(candidates.time_ns[rows])
         return {name: np.sort(np.concatenate(times)) for name, times in parts.items()}
 
-    def _told(
+    def _one_to_one(
         self, truth: NDArray[np.int64], detected_ns: NDArray[np.int64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         origin = truth[0] if len(truth) else 0
@@ -296,7 +296,7 @@ class PassTruth:
         hit[pairs[:, 0]], right[pairs[:, 1]] = True, True
         return hit, detected_ns[~right]
 
-    def _overheard(
+    def _while_present(
         self, truth: NDArray[np.int64], detected_ns: NDArray[np.int64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         hit = _away(truth, detected_ns) <= self.tolerance_s
@@ -683,7 +683,7 @@ class StepReasons:
         near = self._candidates(final, time_ns, within)
         pair = self.pair_of(time_ns)
         if pair is not None and pair.truth_ns == time_ns:
-            return self._found(final, pair, near)
+            return self._last_stage_reason(final, pair, near)
         finder = _finder(evidence, final)
         if finder and not near:  # what found no step gave none to the stage that works on steps
             candidates = self._candidates(finder, time_ns, within)
@@ -724,7 +724,9 @@ class StepReasons:
         others = self.matching.truth_ns[self.matching.truth_ns != time_ns]
         return bool((np.abs(others - found_ns) >= abs(found_ns - time_ns)).all())
 
-    def _found(self, stage: str, pair: TimingPair, near: list[tuple[StageEvidence, int]]) -> Reason:
+    def _last_stage_reason(
+        self, stage: str, pair: TimingPair, near: list[tuple[StageEvidence, int]]
+    ) -> Reason:
         """Say that a step was found at the wrong time, and what became of candidates in time."""
         text = found_text(pair, self.tolerance_s)
         rejected = [(part, row) for part, row in near if not part.accepted[row]]
@@ -841,7 +843,7 @@ def _verdict(
     if first.gate == "refractory":
         return "refractory", _merged(first), ()
     if not part.spec.trace:  # a group of picks: say what its channels lack
-        return _lacking(evidence, part, row, first, time_ns, reach)
+        return _group_short_of(evidence, part, row, first, time_ns, reach)
     if first.gate == "activity":
         return "walking", f"no walking detected: {below(first)}", ()
     channel = 0
@@ -867,7 +869,7 @@ def _of_usual(evidence: Evidence, part: StageEvidence, row: int) -> str:
     return f"; {' and '.join(f'{n} {x:.2f}' for n, x in measured.items())} of a usual step"
 
 
-def _lacking(
+def _group_short_of(
     evidence: Evidence,
     part: StageEvidence,
     row: int,

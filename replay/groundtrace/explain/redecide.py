@@ -303,7 +303,7 @@ class ChainStage:
         gates = [gate.parameter for gate in kind.gates]
         rank = {name: 1 + gates.index(name) for _, name in stage_axes if name in gates}
         #: Places in a setting of this stage's values, what changes most first.
-        self.own = sorted(stage_axes, key=lambda item: rank.get(item[1], 0))
+        self.setting_axes = sorted(stage_axes, key=lambda item: rank.get(item[1], 0))
         self._measured = [i for i, name in stage_axes if name not in gates]
         self.sieves: list[GateCascade] = []
         self._values: tuple[Any, ...] | None = None
@@ -316,7 +316,7 @@ class ChainStage:
 
     def run(self, setting: Sequence[Any]) -> list[Passed]:
         """Return what passes, topic by topic; the same list where nothing changed."""
-        values = tuple(setting[i] for i, _ in self.own)
+        values = tuple(setting[i] for i, _ in self.setting_axes)
         if values != self._values:
             self._values = values
             parameters = self.parameters(setting)
@@ -325,7 +325,7 @@ class ChainStage:
 
     def parameters(self, setting: Sequence[Any]) -> Any:
         """Return the stage's parameters under a setting."""
-        return replace(self.base, **{name: setting[i] for i, name in self.own})
+        return replace(self.base, **{name: setting[i] for i, name in self.setting_axes})
 
     def associate(self, before: ChainStage, passed: list[Passed], setting: Sequence[Any]) -> None:
         """Group what passed the stage before anew, where that or how to group it changed."""
@@ -421,7 +421,7 @@ class StepChain:
 
     def order(self, rows: Sequence[Sequence[Any]]) -> list[int]:
         """Return the order of settings that changes the early gates least often."""
-        keys = [i for link in self.links for i, _ in link.own]
+        keys = [i for link in self.links for i, _ in link.setting_axes]
         ranks = []
         for i in keys:
             column = [row[i] for row in rows]

@@ -194,15 +194,15 @@ class Relocator:
         """Return a localizer that has seen the steps before one: it may learn from them."""
         if positions is not None and not np.array_equal(positions, self.positions):
             worker = self._worker(positions, self.parameters)
-            self._place(worker, 0, row)
+            self._advance(worker, 0, row)
             return worker
         if self._ahead is None or row < self._seen:
             self._ahead, self._seen = self._worker(self.positions, self.parameters), 0
-        self._place(self._ahead, self._seen, row)
+        self._advance(self._ahead, self._seen, row)
         self._seen = row
         return copy.deepcopy(self._ahead)
 
-    def _place(self, worker: Any, first: int, stop: int) -> None:
+    def _advance(self, worker: Any, first: int, stop: int) -> None:
         """Let a localizer see some steps, from which it may learn."""
         for row in range(first, stop):
             worker.locate_step(int(self.arrivals.step_ns[row]), self.arrivals.times_s[row])

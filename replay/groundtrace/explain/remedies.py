@@ -151,12 +151,12 @@ class _Trial:
     """Changes, and how the whole recording does with them."""
 
     changes: Changes
-    found: Verdicts
+    verdicts: Verdicts
 
     @property
     def wrong(self) -> int:
         """Decisions that are wrong with them."""
-        return int((~self.found.hit).sum()) + len(self.found.false_ns)
+        return int((~self.verdicts.hit).sum()) + len(self.verdicts.false_ns)
 
     @property
     def size(self) -> float:
@@ -241,7 +241,7 @@ class RemedySearch:
             table = self._first(self._pair_table(self._tries), works)
             trials = pairs if table is None else [*pairs, table]
             best = min(trials, key=_wrong_then_size, default=None)
-        return None if best is None else Remedy(best.changes, self.before, _counts(best.found))
+        return None if best is None else Remedy(best.changes, self.before, _counts(best.verdicts))
 
     def _nearby(
         self,
@@ -259,8 +259,8 @@ class RemedySearch:
                     break
                 if not _helps(works, near[1], _judged(*near, (change,))):
                     continue
-                trial = self._whole(tries, (change,))
-                if trial is None or not works(self._truth.steps, trial.found):
+                trial = self._on_recording(tries, (change,))
+                if trial is None or not works(self._truth.steps, trial.verdicts):
                     continue
                 if self._harmless(trial):
                     best = trial
@@ -280,8 +280,8 @@ class RemedySearch:
         """Yield the pairs that let in a candidate at a time which two gates keep out."""
         for changes in self._let_in(time_ns):
             if _helps(works, near[1], _judged(*near, changes)):
-                trial = self._whole(tries, changes)
-                if trial is None or not works(self._truth.steps, trial.found):
+                trial = self._on_recording(tries, changes)
+                if trial is None or not works(self._truth.steps, trial.verdicts):
                     continue
                 if self._harmless(trial):
                     yield trial
@@ -291,7 +291,7 @@ class RemedySearch:
         return trial.wrong <= self.before.fp + self.before.fn
 
     def _first(self, table: Sequence[_Trial], works: Works) -> _Trial | None:
-        return next((t for t in table if works(self._truth.steps, t.found)), None)
+        return next((t for t in table if works(self._truth.steps, t.verdicts)), None)
 
     def _single_table(self, tries: ParameterTrials) -> list[_Trial]:
         """Return the harmless changes of one parameter, the smallest first."""
@@ -338,7 +338,7 @@ class RemedySearch:
         )
         return tries.within(time_ns - reach, time_ns + reach), StepTruth(near)
 
-    def _whole(self, tries: ParameterTrials, changes: Changes) -> _Trial | None:
+    def _on_recording(self, tries: ParameterTrials, changes: Changes) -> _Trial | None:
         """Return how changes do on the whole recording."""
         if changes not in self._tried:
             if len(self._tried) >= REMEMBERED:

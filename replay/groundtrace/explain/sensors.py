@@ -72,7 +72,7 @@ class Fault:
     felt_s
         How much of that is left in the arrivals that places are made of [s]: less than all of it
         behind an array method.
-    place
+    position
         Shape (2,): where it seems to stand [m].
     before_s, after_s
         Median distance from the curve with and without the fault [s].
@@ -87,7 +87,7 @@ class Fault:
     steps: int
     offset_s: float
     felt_s: float
-    place: Array
+    position: Array
     before_s: float
     after_s: float
     gain: float
@@ -99,7 +99,7 @@ class Fault:
         return self.gain - self.rival_gain >= STRONG
 
     @property
-    def alike(self) -> str:
+    def ambiguity(self) -> str:
         """That the two causes explain the arrivals alike, by how much."""
         gains = (self.gain, self.rival_gain)
         clock, position = gains if self.cause == "clock" else gains[::-1]
@@ -112,7 +112,7 @@ class Fault:
         right correlates anew, and does better.
         """
         places = positions.copy()
-        places[self.channel] = self.place
+        places[self.channel] = self.position
         return arrivals.shifted(self.channel, -self.felt_s), places
 
 
@@ -152,14 +152,14 @@ def found_faults(
     correlated
         Whether the arrivals are an array method's.
     """
-    first = sorted(judge.found(onsets, positions), key=lambda item: -item[0])
-    if judge.known is not None:
+    first = sorted(judge.faults(onsets, positions), key=lambda item: -item[0])
+    if judge.true_places is not None:
         first = first[:1]  # known places leave no choice: the worst is wrong
     sets = [
         _followed(judge, fault, onsets, arrivals, positions, correlated=correlated)
         for _, fault in first
     ]
-    if judge.known is not None or not sets:
+    if judge.true_places is not None or not sets:
         return sets[0] if sets else ()
     return _least_left(judge, sets, onsets, positions)
 
@@ -179,7 +179,7 @@ def _followed(
         fault_chain.append(judge.with_residual(fault, arrivals, positions) if correlated else fault)
         onsets = onsets.shifted(fault.channel, -fault.offset_s)
         arrivals, positions = fault_chain[-1].without_fault(arrivals, positions)
-        worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
+        worst = max(judge.faults(onsets, positions), key=lambda item: item[0], default=None)
         if worst is None or len(fault_chain) == MOST_FAULTS:
             return tuple(fault_chain)
         fault = worst[1]
@@ -197,7 +197,7 @@ def _least_left(
         mended, there = onsets, positions
         for fault in faults_:
             mended, there = mended.shifted(fault.channel, -fault.offset_s), there.copy()
-            there[fault.channel] = fault.place
+            there[fault.channel] = fault.position
         left.append(judge.left(mended, there))
     best = int(np.argmin([cost for cost, _ in left]))
     cost, noise_s = left[best]
@@ -218,22 +218,22 @@ class Judge:
 
     Attributes
     ----------
-    known
+    true_places
         Shape (m, 2): places of the steps [m]; None where they are unknown.
     outline
         Shape (k, 2): of the site [m], or None.
     """
 
-    known: Array | None
+    true_places: Array | None
     outline: Array | None
 
     def sources(self, arrivals: Arrivals, positions: Array) -> Array:
         """Return the places of the steps, shape (m, 2) [m]."""
-        if self.known is not None:
-            return self.known
+        if self.true_places is not None:
+            return self.true_places
         return blind_sources(positions, arrivals, self.outline)
 
-    def found(self, arrivals: Arrivals, positions: Array) -> Iterator[tuple[float, Fault]]:
+    def faults(self, arrivals: Arrivals, positions: Array) -> Iterator[tuple[float, Fault]]:
         """Yield the gain and the fault of each channel that has one."""
         for channel in self._suspects(arrivals, positions):
             others = arrivals.without(channel)
@@ -380,7 +380,7 @@ def swapped(faults: Sequence[Fault], positions: Array) -> tuple[tuple[int, int],
     positions
         Shape (n, 2): where the geometry has them [m].
     """
-    moved = {fault.channel: fault.place for fault in faults if fault.cause == "position"}
+    moved = {fault.channel: fault.position for fault in faults if fault.cause == "position"}
     pairs = []
     for one in moved:
         for other in moved:

@@ -97,7 +97,7 @@ def refuse_unsuitable(
     """
     missing = _unmet(config, streams, geometry)
     wanted = _wanted(config)
-    if not missing and (not wanted or any(_heard(each, streams) for each in wanted)):
+    if not missing and (not wanted or any(_has_signal(each, streams) for each in wanted)):
         return
     fitting = ", ".join(fitting_pipelines(streams, geometry)) or SIGNALS
     raise PipelineError(
@@ -178,7 +178,7 @@ def _quantities(kind: type[Stage]) -> tuple[frozenset[str], ...]:
     return tuple(need.quantities for need in needs if need.quantities)
 
 
-def _heard(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
+def _has_signal(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
     stage, quantities = wanted
     stage_streams = [s for s in streams if allows(stage.topics, s.topic)]
     return all(any(s.columns_of(each) for s in stage_streams) for each in quantities)
@@ -217,7 +217,7 @@ def with_placements(
         s.topic: stage.key
         for s in recording.streams
         for stage in reversed(asking)
-        if not s.placement and _heard(_wanted_by(stage), (s,))
+        if not s.placement and _has_signal(_wanted_by(stage), (s,))
     }
     fresh = [topic for topic in unstated if topic not in config.placements]
     guesses = _guesses(recording, fresh)

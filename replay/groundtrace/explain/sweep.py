@@ -111,7 +111,7 @@ class Counted:
         Shape (n_recordings, n_settings, 3), int64: steps right, false and missed.
     now
         Shape (n_recordings, 3): the same with the pipeline as it stands.
-    kept
+    verdicts
         Step by step, by (setting, recording), where the signal had to be measured for it.
     rate
         How fast.
@@ -122,7 +122,7 @@ class Counted:
     tolerance_s: float
     counts: NDArray[np.int64]
     now: NDArray[np.int64]
-    kept: dict[tuple[int, int], Verdicts]
+    verdicts: dict[tuple[int, int], Verdicts]
     rate: Rate
 
 
@@ -195,9 +195,9 @@ def verdicts(counted: Counted, rows: Sequence[int], jobs: int = 1) -> list[list[
     """
     subjects, tolerance_s = counted.subjects, counted.tolerance_s
     several = range(len(subjects))
-    more = [row for row in rows if any((row, r) not in counted.kept for r in several)]
+    more = [row for row in rows if any((row, r) not in counted.verdicts for r in several)]
     tasks, places = _tasks(subjects, counted.grid, more, tolerance_s, detailed=True)
-    verdicts_by_row = counted.kept | _by_place(judge_all(tasks, jobs), places)
+    verdicts_by_row = counted.verdicts | _by_place(judge_all(tasks, jobs), places)
     now = [j.verdicts[0] for j in _as_it_stands(subjects, tolerance_s)]
     return [*([verdicts_by_row[row, r] for r in several] for row in rows), now]
 

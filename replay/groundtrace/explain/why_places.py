@@ -515,7 +515,7 @@ class PositionErrorCause:
         after = times - self._travel_s(source, self.relocator.positions)
         return float(after[channel] - np.median(after[others]))
 
-    def heard(self, row: int) -> list[int]:
+    def arrived(self, row: int) -> list[int]:
         """Return the channels with an arrival at a step."""
         channels: list[int] = np.flatnonzero(
             np.isfinite(self.relocator.arrivals.times_s[row])
@@ -527,15 +527,15 @@ class PositionErrorCause:
         failed = self.relocator.located.failed(row)
         if failed is None or failed.gate != "picks":
             return None
-        received, least = self.heard(row), self.relocator.parameters.min_picks
+        received, least = self.arrived(row), self.relocator.parameters.min_picks
         text = f"{len(received)} of {least} arrivals needed ({self._names(received)})"
-        return PlaceCause(*self._lacking(text, row, least, missing))
+        return PlaceCause(*self._too_few_cause(text, row, least, missing))
 
-    def _lacking(
+    def _too_few_cause(
         self, text: str, row: int, wanted: int, missing: Sequence[MissingChannel]
     ) -> tuple[str, str]:
         """Return cause and text of a place that lacks arrivals; broken channels are the cause."""
-        cause, received = "arrivals", len(self.heard(row))
+        cause, received = "arrivals", len(self.arrived(row))
         for broken in ("dead", "clipped"):
             count = sum(m.cause == broken for m in missing)
             if count and (received + count >= wanted or count == len(missing)):
@@ -550,7 +550,7 @@ class PositionErrorCause:
         """Return how many signs a method of signs has and what they leave, else nothing."""
         if not self._counts_signs() or self.relocator.located.ties[row] < 1:
             return ""
-        count, every = len(self.heard(row)), len(self.relocator.names)
+        count, every = len(self.arrived(row)), len(self.relocator.names)
         return (
             f" ({count * (count - 1) // 2} of {every * (every - 1) // 2} signs, "
             f"{self.relocator.located.ties[row]} regions fit equally well)"
@@ -581,7 +581,7 @@ class PositionErrorCause:
 
     def _rivals(self, row: int) -> Iterator[Rival]:
         """Yield every account of a step's arrivals that there is."""
-        if self.curve is None or not self.heard(row):
+        if self.curve is None or not self.arrived(row):
             return
         sets: list[tuple[Fault, ...]] = [(), *((fault,) for fault in self.faults)]
         sets += [self.faults] if len(self.faults) > 1 else []
@@ -591,13 +591,13 @@ class PositionErrorCause:
     def _rivals_with(self, row: int, faults: tuple[Fault, ...]) -> Iterator[Rival]:
         """Yield the accounts that take some sensors' faults for true."""
         times, positions = self._without_faults(faults, row)
-        received, cost = self.heard(row), self.wrong_cost
+        received, cost = self.arrived(row), self.wrong_cost
         cause = self._faulty(row, faults).cause if faults else "noise"
         clock_faults = [f for f in faults if f.cause == "clock" and self.relocator.correlated]
         unaffected = [c for c in received if c not in {fault.channel for fault in clock_faults}]
         off = self._late_s(row, times, positions, unaffected, free=True)
         misfit = self._squares(off, unaffected) + sum(
-            self._felt(off, f) for f in clock_faults if unaffected
+            self._misfit_of(off, f) for f in clock_faults if unaffected
         )
         yield Rival(cause, (), misfit, off, faults)
         for channel in received:
@@ -611,7 +611,7 @@ class PositionErrorCause:
         if several is not None:
             yield several
 
-    def _felt(self, off_s: Array, fault: Fault) -> float:
+    def _misfit_of(self, off_s: Array, fault: Fault) -> float:
         """Return the misfit of an arrival by an array method at a sensor whose clock is off.
 
         Such a method leaves any part of the clock's error in an arrival, from none to all of it.
@@ -634,7 +634,7 @@ class PositionErrorCause:
         self, row: int, times: Array, positions: Array, faults: tuple[Fault, ...]
     ) -> Rival | None:
         """Return the best account by which two or more arrivals are wrong; None without any."""
-        received, cost, best = self.heard(row), self.wrong_cost, None
+        received, cost, best = self.arrived(row), self.wrong_cost, None
         anchored = bool(np.isfinite(self.truth_off_s[row]).any())
         for seed in received:
             right = [seed]
@@ -739,14 +739,16 @@ class PositionErrorCause:
         same = following is not None and following.channels == rival.channels
         if following is not None and following in equal and not (same and rival.faults):
             text = (
-                f"{self._called(rival)} explains the {len(self.heard(row))} arrivals hardly better "
-                f"than {self._called(following)}"
+                f"{self._called(rival)} explains the {len(self.arrived(row))} arrivals hardly "
+                f"better than {self._called(following)}"
             )
             return replace(place_cause, cause="unclear", text=text)
         if self._sensor_alone(row, rival):
             fault = self._faulty(row, rival.faults)
             if not fault.clear:
-                text = f"{self.relocator.names[fault.channel]} is late or displaced: {fault.alike}"
+                text = (
+                    f"{self.relocator.names[fault.channel]} is late or displaced: {fault.ambiguity}"
+                )
                 return replace(place_cause, cause="unclear", text=text)
             name = self.relocator.names[fault.channel]
             off_ms = fault.offset_s * 1e3 if fault.cause == "clock" else float("nan")
@@ -768,7 +770,7 @@ class PositionErrorCause:
         off, against = self._told_off(row, rival)
         if len(rival.wrong) > 1:
             each = ", ".join(f"{self.relocator.names[c]} {timed(off[c])}" for c in rival.wrong)
-            count = f"{len(rival.wrong)} of {len(self.heard(row))} arrivals"
+            count = f"{len(rival.wrong)} of {len(self.arrived(row))} arrivals"
             text = f"{count} are off together against {against}: {each}"
             return replace(place_cause, cause="together", text=text + self._still(row, mended_m))
         channel = rival.wrong[0]
@@ -835,7 +837,7 @@ class PositionErrorCause:
         scattered = self._scattered(row, right)
         # true arrivals that say so as well need less beside them
         normal = SURELY if scattered[0] == "unclear" else USUALLY
-        if right.misfit > chi_square_quantile(max(len(self.heard(row)) - 1, 1), normal):
+        if right.misfit > chi_square_quantile(max(len(self.arrived(row)) - 1, 1), normal):
             return replace(place_cause, cause=scattered[0], text=scattered[1])
         if self._counts_signs():
             cause, text = self._open_signs(row, missing)
@@ -845,7 +847,7 @@ class PositionErrorCause:
 
     def _scattered(self, row: int, right: Rival) -> tuple[str, str]:
         """Return cause and text where arrivals are not right and nothing says which are."""
-        received, truth = self.heard(row), self.truth_off_s[row]
+        received, truth = self.arrived(row), self.truth_off_s[row]
         off = truth if np.isfinite(truth[received]).all() else right.off_s
         wrong = [c for c in received if abs(truth[c] - self.latency_s) > self.least_off_s]
         if len(wrong) > 1:
@@ -869,21 +871,23 @@ class PositionErrorCause:
 
     def _open_signs(self, row: int, missing: Sequence[MissingChannel]) -> tuple[str, str]:
         """Say what the signs of arrivals leave open, or which contradict the truth."""
-        located, received = self.relocator.located, self.heard(row)
+        located, received = self.relocator.located, self.arrived(row)
         texts = contradictions(self.relocator, row, self.healer.reference)
         if located.ties[row] > 1:
             texts = [f"{located.ties[row]} regions fit equally well", *texts]
         if len(received) < len(self.relocator.names) and len(received) <= tdoa.POWER_LAW_UNKNOWNS:
             text = f"only {len(received)} arrivals ({self._names(received)})"
             wanted = tdoa.POWER_LAW_UNKNOWNS + 1
-            cause, text = self._lacking(text, row, min(wanted, len(self.relocator.names)), missing)
+            cause, text = self._too_few_cause(
+                text, row, min(wanted, len(self.relocator.names)), missing
+            )
             return cause, "; ".join([text, *texts])
         texts.append(f"one standard deviation is {located.sigma_m[row]:.2f} m")
         return "ambiguous", "; ".join(texts)
 
     def _open(self, row: int, missing: Sequence[MissingChannel]) -> tuple[str, str]:
         """Say how far the places reach that fit the arrivals as well, if the truth is one."""
-        received, times = self.heard(row), self.relocator.arrivals.times_s[row]
+        received, times = self.arrived(row), self.relocator.arrivals.times_s[row]
         model = self._own_model()
         outline = np.array(self.relocator.geometry.outline, np.float64)
         positions = self.relocator.positions[received]
@@ -934,7 +938,7 @@ class PositionErrorCause:
         )
         if len(received) <= tdoa.POWER_LAW_UNKNOWNS and len(received) < len(self.relocator.names):
             text = f"only {len(received)} arrivals ({self._names(received)}): {fits}"
-            return self._lacking(text, row, tdoa.POWER_LAW_UNKNOWNS + 1, missing)
+            return self._too_few_cause(text, row, tdoa.POWER_LAW_UNKNOWNS + 1, missing)
         if len(received) <= tdoa.POWER_LAW_UNKNOWNS:
             return "arrivals", f"only {len(received)} arrivals ({self._names(received)}): {fits}"
         if not line and length_m < 2 * self._error_m(row):
@@ -964,7 +968,7 @@ class PositionErrorCause:
         """Say how far off the worst arrival is."""
         off = self.off_s(row)
         sigma_m = self.relocator.located.sigma_m[row]
-        channels = [c for c in self.heard(row) if np.isfinite(off[c])]
+        channels = [c for c in self.arrived(row) if np.isfinite(off[c])]
         if not channels:
             return f"{noise}: one standard deviation is {sigma_m:.2f} m"
         worst = max(channels, key=lambda c: abs(off[c]))
@@ -975,7 +979,7 @@ class PositionErrorCause:
 
     def _any_remedy(self, row: int, missing: Sequence[MissingChannel]) -> PlaceRemedy | None:
         """Return the first change that helps: the gate, one pick, a sensor, the picker."""
-        remedy = self.healer.by_gate(row) or self.healer.by_pick(row, self.heard(row))
+        remedy = self.healer.by_gate(row) or self.healer.by_pick(row, self.arrived(row))
         for fault in self.faults:
             remedy = remedy or self.healer.by_fault(row, fault)
         silent = ("dead", "clipped", "filter", "gap")
@@ -1002,7 +1006,7 @@ def _length_m(places: Array) -> float:
 
 def displacement_text(fault: Fault, positions: Array) -> str:
     """Return where a displaced sensor seems to stand, in words."""
-    (x, y), (x0, y0) = fault.place, positions[fault.channel]
+    (x, y), (x0, y0) = fault.position, positions[fault.channel]
     return f"seems to stand at ({x:.2f}, {y:.2f}), not ({x0:.2f}, {y0:.2f})"
 
 
@@ -1292,7 +1296,7 @@ def fault_remedy_text(fault: Fault, relocator: Relocator) -> str:
     if fault.cause == "clock":
         offsets_s = {s.channel: s.clock_offset_s for s in relocator.geometry.sensors}
         return f"clock_offset_s = {offsets_s[name] + fault.offset_s:.4f} for {name} in the geometry"
-    x, y = fault.place
+    x, y = fault.position
     return f"x = {x:.2f}, y = {y:.2f} for {name} in the geometry"
 
 
@@ -1406,7 +1410,7 @@ def faulty_sensors(healer: PlaceRemedySearch, faults: Sequence[Fault]) -> tuple[
 
 def _faulty(healer: PlaceRemedySearch, fault: Fault) -> SensorFault:
     positions = healer.relocator.positions
-    (x, y), (x0, y0) = fault.place.tolist(), positions[fault.channel].tolist()
+    (x, y), (x0, y0) = fault.position.tolist(), positions[fault.channel].tolist()
     clock = fault.cause == "clock"
     steady = f"{timed(fault.offset_s)} in {fault.steps} steps, the median"
     text = steady if clock else displacement_text(fault, positions)

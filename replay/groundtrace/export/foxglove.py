@@ -64,7 +64,7 @@ class FoxgloveExporter:
         earth, remarks = _earth(material) if tracks else (None, ())
         sent = [*_site(material.geometry, material.start_ns)]
         sent += [_true_path(name, labels) for name, labels in paths.items()]
-        sent += [_place(fix) for fix in fixes]
+        sent += [_location(fix) for fix in fixes]
         for (stage, number), points in tracks.items():
             sent += _track(f"{ROOT}/tracks/{stage}/{number}", points)
             sent += _located(f"{ROOT}/location/{stage}/{number}", points, earth)
@@ -190,7 +190,7 @@ def _loop(
     _coloured(line, colour)
 
 
-def _place(fix: Fix) -> Sent:
+def _location(fix: Fix) -> Sent:
     """Return a fix as a sphere with its one-sigma ellipse, which are seen for some seconds."""
     update, entity = _entity(fix.stage, fix.time_ns)
     entity.lifetime.seconds = SHOWN_S

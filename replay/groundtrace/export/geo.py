@@ -71,10 +71,10 @@ def earth_of(material: Material) -> Earth:
             f"{material.name}: geometry: expected metres, found an unknown unit of length"
         )
     if material.origin is not None:
-        return _told(material.origin)
+        return _earth_of(material.origin)
     origin = _imported(material)
     if origin is not None:
-        return _told(origin)
+        return _earth_of(origin)
     plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
     _hear_first_fix(material, plane)
     if plane.origin is None:
@@ -85,7 +85,7 @@ def earth_of(material: Material) -> Earth:
     return Earth(plane)
 
 
-def _told(origin: Origin) -> Earth:
+def _earth_of(origin: Origin) -> Earth:
     plane = TangentPlane((0.0, 0.0), (origin.latitude_rad, origin.longitude_rad))
     return Earth(plane, origin.azimuth_rad)
 
@@ -193,11 +193,11 @@ def _feature(shape: str, coordinates: Any, **properties: Any) -> Feature:
     return {
         "type": "Feature",
         "geometry": {"type": shape, "coordinates": coordinates},
-        "properties": {k: _known(v) for k, v in properties.items()},
+        "properties": {k: _finite_or_null(v) for k, v in properties.items()},
     }
 
 
-def _known(value: Any) -> Any:
+def _finite_or_null(value: Any) -> Any:
     """Return a value as JSON can hold it: not a number is null."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 

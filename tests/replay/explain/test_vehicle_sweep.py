@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 S = 1_000_000_000
 
 
-def truth(*, heard: bool) -> PassTruth:
+def truth(*, while_present: bool) -> PassTruth:
     times = {"A": np.array([100, 200]) * S, "B": np.array([110]) * S}
-    return PassTruth(times, {"Ax": "A", "Ay": "A", "B": "B"}, (), 1.0, heard=heard)
+    return PassTruth(times, {"Ax": "A", "Ay": "A", "B": "B"}, (), 1.0, while_present=while_present)
 
 
 def passed(*rows: tuple[float, int]) -> list[tuple[StageSpec, Candidates]]:
@@ -34,16 +34,18 @@ def passed(*rows: tuple[float, int]) -> list[tuple[StageSpec, Candidates]]:
 
 
 def test_a_pass_told_answers_one_true_pass_of_its_station() -> None:
-    found = truth(heard=False).verdicts(passed((100.4, 0), (100.9, 1), (110.2, 0), (111.5, 2)))
+    found = truth(while_present=False).verdicts(
+        passed((100.4, 0), (100.9, 1), (110.2, 0), (111.5, 2))
+    )
     assert found.hit.tolist() == [True, False, False]
     assert sorted((found.false_ns / S).tolist()) == [100.9, 110.2, 111.5]
-    assert truth(heard=False).verdicts([]).hit.tolist() == [False] * 3
+    assert truth(while_present=False).verdicts([]).hit.tolist() == [False] * 3
 
 
 def test_a_stay_that_is_heard_answers_what_comes_by_in_it_and_is_false_far_from_all() -> None:
     near = [(t, 0) for t in np.arange(90, 108, 0.5)]
     far = [(t, 0) for t in np.arange(140, 150, 0.5)]
-    found = truth(heard=True).verdicts(passed(*near, *far, (108, 2)))
+    found = truth(while_present=True).verdicts(passed(*near, *far, (108, 2)))
     assert found.hit.tolist() == [True, False, False]
     assert (found.false_ns / S).tolist() == [140]
 
