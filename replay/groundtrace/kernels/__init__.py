@@ -61,5 +61,7 @@ def __getattr__(name: str) -> Any:
     """Import one of the files; it is an ordinary attribute from then on."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    import_module(f"{__name__}.compiling")  # it is the first to import numba, without its extras
-    return import_module(f"{__name__}.{name}")
+    # it is the first to import numba, without its extras
+    compiling = import_module(f"{__name__}.compiling")
+    with compiling.marked():
+        return import_module(f"{__name__}.{name}")

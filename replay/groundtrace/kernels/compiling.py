@@ -80,7 +80,12 @@ FUNCTION_S = 0.7
 #: Folders of other contents are dropped after this time [s]: other versions may still use them.
 #: Chosen by judgement: a day.
 OUTDATED_S = 86_400.0
+#: A process that has not compiled a file after this time [s] was killed. Bench: make compile -> all
+#: files together take 32 s.
+ABANDONED_S = 120.0
 _HERE = Path(__file__).parent
+#: Files of functions that this process compiles.
+_MINE: set[str] = set()
 
 
 def compiled(signature: Any) -> Callable[[F], F]:
@@ -159,6 +164,9 @@ def compile_new(names: Iterable[str]) -> None:
             compile_next(longest_first)
         except BaseException:
             helper.terminate()
+            helper.wait()
+            for name in new | within:
+                _begun(name).unlink(missing_ok=True)
             raise
 
 
@@ -168,7 +176,24 @@ def compile_next(names: Iterable[str]) -> None:
         if _first_of(name):
             for other in _imported_by(name):  # told with it
                 _first_of(other)
-            import_module(f"{__package__}.{name}")
+            with marked():
+                import_module(f"{__package__}.{name}")
+
+
+@contextmanager
+def marked() -> Iterator[None]:
+    """Mark what this process begins to compile meanwhile as compiled; if it fails, as not begun."""
+    compiled_all = False
+    try:
+        yield
+        compiled_all = True
+    finally:
+        with suppress(OSError):  # a folder that cannot be written has no marks
+            while _MINE:
+                name = _MINE.pop()
+                if compiled_all:
+                    _marker(name).touch()
+                _begun(name).unlink(missing_ok=True)
 
 
 def _source(name: str) -> str:
@@ -181,7 +206,8 @@ def _count(name: str) -> int:
 
 
 def _imported_by(name: str) -> list[str]:
-    return re.findall(r"^from \.(\w+) import", _source(name), re.M)
+    """Return the files of functions that one imports."""
+    return re.findall(r"^from \.(?!compiling)(\w+) import", _source(name), re.M)
 
 
 def _say(what: str, functions: float) -> None:
@@ -212,16 +238,27 @@ def _njit(function: Any, *signature: Any) -> Any:
 
 
 def _marker(name: str) -> Path:
-    """Return the file that says that a file of functions is compiled, or was begun to be."""
+    """Return the file that says that a file of functions is compiled."""
     return FOLDER / name
 
 
+def _begun(name: str) -> Path:
+    """Return the file that says that a process compiles a file of functions."""
+    return FOLDER / f"{name}.begun"
+
+
 def _first_of(name: str) -> bool:
-    """Return whether no process has begun to compile a file before; from now on one has."""
+    """Return whether a file is not compiled, and nobody is at it; from now on this process is."""
+    begun = _begun(name)
     try:
-        _marker(name).touch(exist_ok=False)
+        if _marker(name).exists():
+            return False
+        if begun.exists() and time.time() - begun.stat().st_mtime > ABANDONED_S:
+            begun.unlink()
+        begun.touch(exist_ok=False)
     except OSError:
         return False
+    _MINE.add(name)
     return True
 
 

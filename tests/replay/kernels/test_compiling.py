@@ -132,3 +132,24 @@ def test_this_process_compiles_what_the_other_does_not(tmp_path: Path) -> None:
         "kernels.maxima\n"
     )
     assert _run(code + KEPT, NUMBA_CACHE_DIR=tmp_path) == "[] ['maxima']\n"
+
+
+def test_what_was_interrupted_is_begun_anew_and_what_was_killed_after_a_while(
+    tmp_path: Path,
+) -> None:
+    marks = "print(sorted(path.name for path in compiling.FOLDER.iterdir() if path.is_file()))\n"
+    interrupted = NEW + (
+        "def load(name):\n"
+        "    raise KeyboardInterrupt\n"
+        "try:\n"
+        "    compiling.compile_next(['axes'])\n"
+        "except KeyboardInterrupt:\n"
+    )
+    assert _run(f"{interrupted}    {marks}", NUMBA_CACHE_DIR=tmp_path) == "[]\n"
+    killed = f"{NEW}import os\nload = lambda name: os._exit(0)\ncompiling.compile_next(['axes'])"
+    _run(killed, NUMBA_CACHE_DIR=tmp_path)
+    (begun,) = tmp_path.glob("*/axes.begun")
+    again = f"{NEW}compiling.compile_next(['axes'])\n{marks}print(own)"
+    assert _run(again, NUMBA_CACHE_DIR=tmp_path) == "['axes.begun']\n[]\n"
+    os.utime(begun, (0, 0))
+    assert _run(again, NUMBA_CACHE_DIR=tmp_path) == "['axes']\n['groundtrace.kernels.axes']\n"
