@@ -112,12 +112,14 @@ def stages() -> str:
         if stage.__module__ not in shown:
             text += f"```{{eval-rst}}\n.. automodule:: {stage.__module__}\n   :no-index:\n```\n\n"
         shown.add(stage.__module__)
-        known = [
+        parameters = [
             (code(i.name), code(i.default), i.unit, code(i.allowed), i.part + "s", i.doc)
             for i in describe(stage.Parameters)
         ]
-        if known:
-            text += table(("parameter", "default", "unit", "allowed", "what it does", ""), known)
+        if parameters:
+            text += table(
+                ("parameter", "default", "unit", "allowed", "what it does", ""), parameters
+            )
     return text
 
 
@@ -149,8 +151,8 @@ def kind_of(schema: Any) -> str:
         return ", ".join(code(json.dumps(one)) for one in schema.get("enum", [schema.get("const")]))
     kinds = schema.get("type", "")
     kinds = " or ".join(kinds) if isinstance(kinds, list) else kinds
-    held = kind_of(schema.get("items"))
-    return f"{kinds} of {held}" if held else str(kinds)
+    items = kind_of(schema.get("items"))
+    return f"{kinds} of {items}" if items else str(kinds)
 
 
 def fields(part: dict[str, Any]) -> str:

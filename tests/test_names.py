@@ -36,7 +36,7 @@ def names(module: ast.Module) -> Iterator[tuple[str, int]]:
                 yield name, node.lineno
 
 
-@pytest.mark.parametrize("package", ["codecs", "replay", "viewers"])
+@pytest.mark.parametrize("package", ["codecs", "recordings", "replay", "viewers"])
 def test_names_say_what_is_named(package: str) -> None:
     empty = []
     for path in sorted((ROOT / package).rglob("*.py")):

@@ -36,7 +36,7 @@ def path_of(name: str) -> Path:
     UnknownFileError
         Where there is none of this name; lists those there are.
     """
-    return _found(name, bundled(), "a bundled recording")
+    return _path_of(name, bundled(), "a bundled recording")
 
 
 def map_path(name: str) -> Path:
@@ -47,7 +47,7 @@ def map_path(name: str) -> Path:
     UnknownFileError
         Where there is none of this name; lists those there are.
     """
-    return _found(name, maps(), "a bundled map")
+    return _path_of(name, maps(), "a bundled map")
 
 
 def licence_text(name: str) -> str:
@@ -76,7 +76,7 @@ def _listing(folder: Path, suffix: str) -> dict[str, Path]:
     return {path.name: path for path in sorted(folder.iterdir()) if path.suffix == suffix}
 
 
-def _found(name: str, known: dict[str, Path], what: str) -> Path:
-    if name not in known:
-        raise UnknownFileError(f"{name}: expected {what} ({', '.join(known) or 'none'})")
-    return known[name]
+def _path_of(name: str, paths: dict[str, Path], what: str) -> Path:
+    if name not in paths:
+        raise UnknownFileError(f"{name}: expected {what} ({', '.join(paths) or 'none'})")
+    return paths[name]

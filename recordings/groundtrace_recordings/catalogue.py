@@ -149,15 +149,15 @@ def fetch(
     if report is not None:
         host, size = urlsplit(wanted.files[0].url).hostname, wanted.bytes / 1e6
         report(f"fetching {wanted.name} from {host}: {size:.1f} MB")
-    place = wanted.path.with_suffix("")
-    place.mkdir(parents=True, exist_ok=True)
-    with FileLock(place / ".lock"):  # who comes second finds it done
+    folder = wanted.path.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    with FileLock(folder / ".lock"):  # who comes second finds it done
         if not wanted.path.is_file():
-            _convert(wanted, [_fetched(each, place) for each in wanted.files])
+            _convert(wanted, [_fetched(each, folder) for each in wanted.files])
     return wanted.path
 
 
-def _fetched(file: RemoteFile, place: Path) -> Path:
+def _fetched(file: RemoteFile, folder: Path) -> Path:
     """Return a file whose bytes are those that the catalogue says."""
     import pooch
     import requests
@@ -169,20 +169,20 @@ def _fetched(file: RemoteFile, place: Path) -> Path:
                 file.url,
                 f"sha256:{file.sha256}",
                 fname=file.name,
-                path=place,
+                path=folder,
                 downloader=pooch.HTTPDownloader(timeout=TIMEOUT_S),
             )
         )
     except ValueError as error:  # of another hash; pooch says both
-        found = str(error).partition(" but got ")[2].partition(".")[0] or str(error)
-        raise FetchError(f"{file.url}: expected SHA-256 {file.sha256}, found {found}") from None
+        reason = str(error).partition(" but got ")[2].partition(".")[0] or str(error)
+        raise FetchError(f"{file.url}: expected SHA-256 {file.sha256}, found {reason}") from None
     except requests.HTTPError as error:
-        found = f"HTTP status {getattr(error.response, 'status_code', 'unknown')}"
+        reason = f"HTTP status {getattr(error.response, 'status_code', 'unknown')}"
     except requests.ConnectionError:
-        found = "no connection, or one that broke"
+        reason = "no connection, or one that broke"
     except requests.RequestException as error:
-        found = str(error)
-    raise FetchError(f"{file.url}: expected {file.bytes} bytes, found {found}")
+        reason = str(error)
+    raise FetchError(f"{file.url}: expected {file.bytes} bytes, found {reason}")
 
 
 def _convert(wanted: CataloguedRecording, files: list[Path]) -> None:
