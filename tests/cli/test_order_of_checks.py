@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_runs import done, run
 
-from groundtrace.errors import did_you_mean
+from groundtrace_codecs.errors import did_you_mean
 from groundtrace_recordings import path_of
 
 Capture = pytest.CaptureFixture[str]

@@ -265,7 +265,7 @@ class PassTruth:
         detected_ns = self._times_by_station(passed)
         none = np.empty(0, np.int64)
         hits, false = [np.empty(0, np.bool_)], [none]
-        judge = self._while_present if self.while_present else self._one_to_one
+        judge = self._by_presence if self.while_present else self._one_to_one
         for station in sorted({*self.times_ns, *detected_ns}):
             truth = self.times_ns.get(station, none)
             hit, wrong = judge(truth, detected_ns.get(station, none))
@@ -296,7 +296,7 @@ class PassTruth:
         hit[pairs[:, 0]], right[pairs[:, 1]] = True, True
         return hit, detected_ns[~right]
 
-    def _while_present(
+    def _by_presence(
         self, truth: NDArray[np.int64], detected_ns: NDArray[np.int64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         hit = _away(truth, detected_ns) <= self.tolerance_s
