@@ -104,6 +104,14 @@ def test_a_whole_replay_loads_no_more_of_scipy(tmp_path: Path, name: str) -> Non
     assert sorted(loaded & (SCIPY | OTHERS | EXTRAS | VIEWERS)) == []
 
 
+def test_bearings_load_no_more_of_scipy(tmp_path: Path) -> None:
+    room = "simulate room --channels 4 --triaxial --rate-hz 4000 --duration-s 3 -o room.mcap"
+    loaded_by(tmp_path, *room.split())
+    options = ("--pipeline", "room-bearings", "--no-viewer", "--quiet")
+    loaded = loaded_by(tmp_path, "replay", "room.mcap", *options)
+    assert sorted(loaded & (SCIPY | OTHERS | EXTRAS | VIEWERS)) == []
+
+
 @pytest.mark.parametrize("name", ["room-walk", "lower-back"])
 def test_a_score_loads_the_functions_of_gamma_alone(tmp_path: Path, name: str) -> None:
     loaded_by(tmp_path, "replay", path_of(f"{name}.mcap"), "--no-viewer", "--out", "found.mcap")

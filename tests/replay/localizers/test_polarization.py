@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 import pytest
+from scipy.signal import hilbert
 
-from groundtrace.localizers.bearings import Method, Polarization, polarization
+from groundtrace.localizers.bearings import Method, Polarization, analytic, polarization
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,6 +33,13 @@ def wave(
 
 def off_deg(found: Polarization, azimuth: float) -> float:
     return float(np.degrees(np.angle(np.exp(1j * (found.azimuth_rad - azimuth)))))
+
+
+@pytest.mark.parametrize("samples", [1, 2, 7, 8, 401])
+def test_the_analytic_signal_is_that_of_scipy(samples: int) -> None:
+    x = np.random.default_rng(samples).normal(5.0, 2.0, (samples, 3))
+    expected = hilbert(x - x.mean(axis=0), axis=0)
+    assert np.allclose(analytic(x), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("method", METHODS)
