@@ -103,25 +103,25 @@ def steady(simulation: Simulation) -> Simulation:
 
 def scored(path: Path, config: PipelineConfig, name: str) -> Room:
     """Replay a recording and score it."""
-    kept = Kept()
+    sink = Kept()
     with Recording.open(path) as opened:
-        replay(Source(opened), build_pipeline(config, opened.geometry), [kept])
+        replay(Source(opened), build_pipeline(config, opened.geometry), [sink])
         truth, sensors = true_places(opened.labels), len(opened.geometry.sensors)
-        score = score_positions(opened.labels, kept.fixes)
+        score = score_positions(opened.labels, sink.fixes)
     by = {s.group: (s.cep50_m, s.cep95_m, s.rmse_m) for s in score.by_stage}
-    points = sorted(kept.points, key=lambda p: p.time_ns)
-    found = found_places(points)
-    pairs = match_places(truth, found, 0.12)
-    off = np.hypot(*(found.xy[pairs[:, 1]] - truth.xy[pairs[:, 0]]).T)
+    points = sorted(sink.points, key=lambda p: p.time_ns)
+    estimated = found_places(points)
+    pairs = match_places(truth, estimated, 0.12)
+    off = np.hypot(*(estimated.xy[pairs[:, 1]] - truth.xy[pairs[:, 0]]).T)
     return Room(name, sensors, by, float(np.median(off)) if len(off) else np.nan)
 
 
 def described(simulation: Simulation) -> str:
     """Sides, shoe and walls of a room."""
-    said, outline = simulation.metadata["simulation"], np.array(simulation.geometry.outline)
+    settings, outline = simulation.metadata["simulation"], np.array(simulation.geometry.outline)
     x, y = np.ptp(outline, axis=0)
     shape = "L " if len(np.unique(outline, axis=0)) > 4 else ""
-    return f"{shape}{x:.1f} x {y:.1f}, {said['shoe']}, {said['walls']}"
+    return f"{shape}{x:.1f} x {y:.1f}, {settings['shoe']}, {settings['walls']}"
 
 
 def simulated(
@@ -178,17 +178,17 @@ def bundled(configs: dict[str, PipelineConfig]) -> dict[str, Room]:
 
 def verdict(room: Room, rooms: list[Room]) -> bool:
     """Print the targets and whether they are reached."""
-    whole, good = median(rooms), True
+    median_room, good = median(rooms), True
     figures = (
         ("smoothed track, median, bundled", room.track, TRACK_M),
-        ("smoothed track, median, median of rooms", whole.track, TRACK_M),
+        ("smoothed track, median, median of rooms", median_room.track, TRACK_M),
         ("SO-TDOA, rms, bundled", room.errors["so-tdoa"][2], SO_TDOA_M),
-        ("SO-TDOA, rms, median of rooms", whole.errors["so-tdoa"][2], SO_TDOA_M),
+        ("SO-TDOA, rms, median of rooms", median_room.errors["so-tdoa"][2], SO_TDOA_M),
     )
     print()
-    for what, found, target in figures:
-        good &= found <= target
-        print(f"{'pass' if found <= target else 'FAIL'}  {what}: {found:.2f} m (<= {target:g})")
+    for what, error_m, target in figures:
+        good &= error_m <= target
+        print(f"{'pass' if error_m <= target else 'FAIL'}  {what}: {error_m:.2f} m (<= {target:g})")
     return good
 
 

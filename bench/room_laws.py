@@ -75,16 +75,16 @@ class Errors:
         off, square = np.array(self.off), np.array(self.square)
         if not len(off):
             return "none"
-        held = " / ".join(f"{np.mean(square <= region):.0%}" for region in REGIONS)
+        coverage = " / ".join(f"{np.mean(square <= region):.0%}" for region in REGIONS)
         return (
-            f"{np.median(off):.2f} / {np.quantile(off, 0.95):.2f} | {held} | "
+            f"{np.median(off):.2f} / {np.quantile(off, 0.95):.2f} | {coverage} | "
             f"{np.mean(np.minimum(square, 1e4)):.1f} | {len(off) / max(self.truths, 1):.0%}"
         )
 
 
 def matched(fixes: list[Fix | TrackPoint], truth: np.ndarray, times: np.ndarray) -> Errors:
     """Compare places with the nearest truths in time."""
-    found = Errors(truths=len(times))
+    errors = Errors(truths=len(times))
     taken: set[int] = set()
     for fix in fixes:
         nearest = int(np.argmin(np.abs(times - fix.time_ns)))
@@ -94,18 +94,18 @@ def matched(fixes: list[Fix | TrackPoint], truth: np.ndarray, times: np.ndarray)
         off = np.array([fix.x_m, fix.y_m]) - truth[nearest]
         xx, xy, yy = fix.covariance
         inverse = np.linalg.pinv(np.array([[xx, xy], [xy, yy]]))
-        found.off.append(float(np.hypot(*off)))
-        found.square.append(float(off @ inverse @ off))
-    return found
+        errors.off.append(float(np.hypot(*off)))
+        errors.square.append(float(off @ inverse @ off))
+    return errors
 
 
 def score(
     path: Path, config: PipelineConfig, site: Geometry | None = None
 ) -> tuple[dict[str, Errors], list[Note]]:
     """Replay a room, at its own site or another, and compare its places with the truth."""
-    kept = Kept()
+    sink = Kept()
     with Recording.open(path) as opened:
-        replay(Source(opened), build_pipeline(config, site or opened.geometry), [kept])
+        replay(Source(opened), build_pipeline(config, site or opened.geometry), [sink])
         truth = [x for x in opened.labels if x.kind in ("step", "impact")]
         low, high = (
             np.array(opened.geometry.outline).min(0),
@@ -113,10 +113,10 @@ def score(
         )
     places = np.array([(x.x_m, x.y_m) for x in truth])
     times = np.array([x.time_ns for x in truth], np.int64)
-    found = {name: matched(fixes, places, times) for name, fixes in kept.places.items()}
+    by_stage = {name: matched(fixes, places, times) for name, fixes in sink.places.items()}
     middle = np.hypot(*(places - (low + high) / 2).T).tolist()
-    found[MIDDLE] = Errors(middle, [np.inf] * len(middle), len(middle))
-    return found, kept.notes
+    by_stage[MIDDLE] = Errors(middle, [np.inf] * len(middle), len(middle))
+    return by_stage, sink.notes
 
 
 def options_of(seed: int, sensors: int, *, walks: bool) -> RoomOptions:
@@ -150,8 +150,8 @@ def main() -> None:
                 law = made.metadata["simulation"]["wave_law"]
                 for name, errors in score(path, config)[0].items():
                     for group in ("", law) if options.by_law else ("",):
-                        held = by_law.setdefault(group, {}).setdefault(name, Errors())
-                        held += errors
+                        total = by_law.setdefault(group, {}).setdefault(name, Errors())
+                        total += errors
         for law, tables in sorted(by_law.items()):
             print(f"\n{sensors} sensors{f', {law}' if law else ''}")
             print("| stage | median / 95 % [m] | in 68 / 90 % | NEES | found |")

@@ -57,11 +57,11 @@ def drawn_paths(site: Geometry, path: np.ndarray, seed: int) -> dict[str, Geomet
     rng = np.random.default_rng([seed, 77])
     measured = path + rng.normal(0, MEASURED_M, path.shape)
     low, high = np.min(site.outline, axis=0), np.max(site.outline, axis=0)
-    found = {}
+    sites = {}
     for name, line in (("own path", measured), ("wrong path", low + high - measured)):
         corners = tuple((float(x), float(y)) for x, y in line)
-        found[name] = replace(site, paths=(corners,))
-    return found
+        sites[name] = replace(site, paths=(corners,))
+    return sites
 
 
 def main() -> None:
@@ -90,13 +90,13 @@ def main() -> None:
                         options.sigmas if name == "own path" else options.sigmas[1:],
                         [n for n in options.nearest if n < sensors and name == "own path"],
                     )
-                    found, notes = score(path, config, site)
+                    by_stage, notes = score(path, config, site)
                     refused[name] += any("paths lead" in note.text for note in notes)
-                    for stage, errors in found.items():
+                    for stage, errors in by_stage.items():
                         by = f"{stage}, {name}" if stage.startswith("track") else stage
                         if name == "own path" or by != stage:
-                            held = tables.setdefault(by, Errors())
-                            held += errors
+                            total = tables.setdefault(by, Errors())
+                            total += errors
         print(f"\n{sensors} sensors; paths contradicted in some fixes: {refused}")
         print("| stage | median / 95 % [m] | in 68 / 90 % | NEES | found |")
         print("| --- | --- | --- | --- | --- |")

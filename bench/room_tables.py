@@ -62,7 +62,7 @@ def wrong_signs(draws: int) -> None:
     """Print how many signs are wrong at known places, beside the Poisson-binomial law."""
     print(f"wrong signs of 36 at 1000 m/s, {draws} draws: found (known)")
     print("source       sigma   lambda         variance     physical mean  variance")
-    for (source, sigma), known in KNOWN_SIGNS.items():
+    for (source, sigma), reference in KNOWN_SIGNS.items():
         times = constant(np.array([source]))[0]
         chances = chance_wrong(times, *pairs(9), sigma)
         law = poisson_binomial(chances)
@@ -71,9 +71,9 @@ def wrong_signs(draws: int) -> None:
         variance = float(law @ (count - mean) ** 2)
         drawn = drawn_wrong(times, sigma, draws, 0)
         print(
-            f"{source!s:12} {sigma * 1e3:.1f} ms  {mean:.3f} ({known[0]:.3f})  "
-            f"{variance:.2f} ({known[2]:.2f})  {drawn.mean():.3f} ({known[3]:.3f})  "
-            f"{drawn.var():.2f} ({known[4]:.2f})"
+            f"{source!s:12} {sigma * 1e3:.1f} ms  {mean:.3f} ({reference[0]:.3f})  "
+            f"{variance:.2f} ({reference[2]:.2f})  {drawn.mean():.3f} ({reference[3]:.3f})  "
+            f"{drawn.var():.2f} ({reference[4]:.2f})"
         )
 
 
@@ -82,11 +82,11 @@ def sign_maps(lattice: int) -> None:
     print(f"lambda over the room, {lattice} x {lattice} cells")
     nodes = grid_of(layout(1e-3).room, lattice).nodes
     for sigma, (mean, most) in KNOWN_MAPS.items():
-        found = mean_wrong(constant(nodes), float(sigma))
-        x, y = nodes[found.argmax()]
+        wrong_counts = mean_wrong(constant(nodes), float(sigma))
+        x, y = nodes[wrong_counts.argmax()]
         print(
-            f"differences err by {sigma * 1e3:.2f} ms: mean {found.mean():.2f} ({mean}), "
-            f"max {found.max():.2f} ({most}) at ({x:.1f}, {y:.1f})"
+            f"differences err by {sigma * 1e3:.2f} ms: mean {wrong_counts.mean():.2f} ({mean}), "
+            f"max {wrong_counts.max():.2f} ({most}) at ({x:.1f}, {y:.1f})"
         )
 
 
@@ -94,17 +94,17 @@ def corruption(draws: int, rng: np.random.Generator) -> None:
     """Print how often the true region survives a number of wrong signs."""
     print(f"wrong signs at random, {draws} draws: chance that the one best region is the true one")
     regions = arrival_order.known_regions(SENSORS, ROOM)
-    told = np.ones(36, bool)
-    for source, known in KNOWN_CORRUPTION.items():
+    compared = np.ones(36, bool)
+    for source, reference in KNOWN_CORRUPTION.items():
         signs, _ = arrival_order.measured_signs(regions, distances(np.array([source]), SENSORS)[0])
-        true = int(arrival_order.distances(regions, signs, told).argmin())
+        true = int(arrival_order.distances(regions, signs, compared).argmin())
         cells = []
-        for k, expected in enumerate(known):
+        for k, expected in enumerate(reference):
             flips = np.argsort(rng.random((draws, 36)), axis=1) < k
-            wrong = arrival_order.distances(regions, np.where(flips, -signs, signs), told)
+            wrong = arrival_order.distances(regions, np.where(flips, -signs, signs), compared)
             best = wrong == wrong.min(axis=1, keepdims=True)
-            found = np.mean(best[:, true] & (best.sum(axis=1) == 1))
-            cells.append(f"{k}: {found:.2f} ({expected})")
+            share = np.mean(best[:, true] & (best.sum(axis=1) == 1))
+            cells.append(f"{k}: {share:.2f} ({expected})")
         print(f"{source}  " + "  ".join(cells))
 
 
@@ -112,7 +112,7 @@ def error_maps(lattice: int, draws: int) -> None:
     """Print the error of SO-TDOA over the room."""
     print(f"SO-TDOA, theta 5e-5 s, {lattice} x {lattice} cells, {draws} draws: found (known)")
     nodes = grid_of(layout(1e-3).room, lattice).nodes
-    for sigma, known in KNOWN_ERRORS.items():
+    for sigma, reference in KNOWN_ERRORS.items():
         began = time.perf_counter()
         rmse = error_map(layout(sigma), "so-tdoa", nodes, draws, 0).rmse_m
         taken = time.perf_counter() - began
@@ -120,9 +120,10 @@ def error_maps(lattice: int, draws: int) -> None:
         distinct = sorted({(round(x), round(y)) for x, y in worst / 2.5})
         places = ", ".join(f"({2.5 * x:.1f}, {2.5 * y:.1f})" for x, y in distinct)
         print(
-            f"{sigma * 1e3:.1f} ms  mean {rmse.mean():.3f} m ({known[0]}), "
-            f"p95 {np.quantile(rmse, 0.95):.2f} ({known[1]}), max {rmse.max():.2f} ({known[2]}), "
-            f"below 1 m {np.mean(rmse < 1):.0%} ({known[3]}); the worst 8 near {places}; "
+            f"{sigma * 1e3:.1f} ms  mean {rmse.mean():.3f} m ({reference[0]}), "
+            f"p95 {np.quantile(rmse, 0.95):.2f} ({reference[1]}), "
+            f"max {rmse.max():.2f} ({reference[2]}), "
+            f"below 1 m {np.mean(rmse < 1):.0%} ({reference[3]}); the worst 8 near {places}; "
             f"{taken:.1f} s"
         )
 

@@ -72,7 +72,7 @@ class Site:
 
     def broken(self) -> list[str]:
         """Return the links that lead nowhere, with the page that has each."""
-        found = []
+        dead_links = []
         for name, link in sorted(self.links):
             if not link.startswith(self.address):
                 continue
@@ -81,8 +81,8 @@ class Site:
             anchor = unquote(parts.fragment)
             there = (self.folder / path).is_file()
             if not there or (anchor and path in self.names and anchor not in self.names[path]):
-                found.append(f"{name}: {link.removeprefix(self.address)}")
-        return found
+                dead_links.append(f"{name}: {link.removeprefix(self.address)}")
+        return dead_links
 
 
 def check(browser: Browser, site: Site, look: Sequence[str], pictures: Path) -> int:
@@ -122,13 +122,13 @@ def main() -> int:
     served.shutdown()
     broken = site.broken()
     print(f"{count} pages, {len(site.links)} links, at {' and '.join(map(str, WIDTHS))} pixels")
-    for what, found in (
+    for what, faults in (
         ("broken links", broken),
         ("pages wider than the window", site.wide),
         ("requests that leave this machine", sorted(site.left)),
     ):
-        print(f"{what}: {len(found)}")
-        for each in found:
+        print(f"{what}: {len(faults)}")
+        for each in faults:
             print(f"  {each}")
     return int(bool(broken or site.wide or site.left))
 

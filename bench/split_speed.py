@@ -52,11 +52,11 @@ def taken_s(arguments: list[str], cores: int) -> tuple[float, float, float]:
     os.sched_setaffinity(0, allowed[: cores or len(allowed)])
     began = time.perf_counter()
     call = [sys.executable, "-c", COMMAND, *arguments]
-    said = subprocess.run(call, check=True, capture_output=True, text=True).stdout
+    output = subprocess.run(call, check=True, capture_output=True, text=True).stdout
     clock_s = time.perf_counter() - began
     os.sched_setaffinity(0, allowed)
-    own, workers = map(float, said.split()[-2:])
-    return clock_s, own, workers
+    main_s, workers = map(float, output.split()[-2:])
+    return clock_s, main_s, workers
 
 
 def main() -> None:
@@ -79,22 +79,22 @@ def main() -> None:
                 call = ["replay", str(path), "--pipeline", options.pipeline, "--no-viewer"]
                 call += ["--quiet", "--force", "--out", str(results[way]), *engine]
                 taken[way].append(taken_s(call, cores))
-        whole = read_results(results["in one go"]).events
+        unsplit = read_results(results["in one go"]).events
         print(f"{'':12}{'clock [s]':>10}{'CPU [s]':>9}{'workers':>9}  of all rounds, by the clock")
         for way, runs in taken.items():
             least = [min(run[i] for run in runs) for i in (0, 1, 2)]
-            said = " ".join(f"{run[0]:.1f}" for run in runs)
-            same = same_events(whole, read_results(results[way]).events)
+            clocks = " ".join(f"{run[0]:.1f}" for run in runs)
+            same = same_events(unsplit, read_results(results[way]).events)
             note = "" if same else "  DECIDED OTHERWISE"
-            print(f"{way:12}{least[0]:10.1f}{least[1]:9.1f}{least[2]:9.1f}  {said}{note}")
+            print(f"{way:12}{least[0]:10.1f}{least[1]:9.1f}{least[2]:9.1f}  {clocks}{note}")
         for slow, fast in (("one worker", "two workers"), ("in one go", "two workers")):
             pairs = zip(taken[slow], taken[fast], strict=True)
             ratios = " ".join(f"{one[0] / two[0]:.2f}" for one, two in pairs)
             best = min(run[0] for run in taken[slow]) / min(run[0] for run in taken[fast])
             print(f"{slow} over {fast}: {best:.2f} of least times; by round {ratios}")
-            one = min(own + workers for _, own, workers in taken[slow])
-            own, workers = (min(run[i] for run in taken[fast]) for i in (1, 2))
-            bound = one / max(own, (own + workers) / 2)
+            one = min(main_s + workers for _, main_s, workers in taken[slow])
+            main_s, workers = (min(run[i] for run in taken[fast]) for i in (1, 2))
+            bound = one / max(main_s, (main_s + workers) / 2)
             print(f"  of processor time: {bound:.2f} at most on two cores")
 
 

@@ -106,8 +106,8 @@ def profile(runs: int, folder: str) -> None:
             command, cwd=folder, env=environment(), capture_output=True, text=True, check=True
         )
         for line in ran.stderr.splitlines():
-            own, _, name = line.removeprefix("import time:").rpartition("|")
-            own_us = own.partition("|")[0].strip()
+            times, _, name = line.removeprefix("import time:").rpartition("|")
+            own_us = times.partition("|")[0].strip()
             if own_us.isdecimal():
                 name = name.strip()
                 least_us[name] = min(int(own_us), least_us.get(name, int(own_us)))

@@ -66,9 +66,9 @@ class Walk:
         placements = dict.fromkeys(topics, placement) if placement else {}
         first = replace(config.stage[0], parameters={**config.stage[0].parameters, **parameters})
         config = replace(config, placements=placements, stage=(first, *config.stage[1:]))
-        found = Steps()
-        replay(self.items, build_pipeline(config), [found])
-        return np.array(sorted(found.times), np.int64)
+        sink = Steps()
+        replay(self.items, build_pipeline(config), [sink])
+        return np.array(sorted(sink.times), np.int64)
 
     def at(self, rate_hz: float) -> Walk:
         """Return the walk sampled more slowly, what would alias taken out before."""
@@ -87,13 +87,13 @@ class Walk:
 
     def runs(self) -> list[SignalBlock]:
         """Return the stretches without a gap that is not bridged."""
-        found: list[list[SignalBlock]] = [[]]
+        stretches: list[list[SignalBlock]] = [[]]
         for item in self.items:
             if isinstance(item, SignalBlock):
-                found[-1].append(item)
+                stretches[-1].append(item)
             elif not item.bridged:
-                found.append([])
-        return [as_one(parts) for parts in found if parts]
+                stretches.append([])
+        return [as_one(parts) for parts in stretches if parts]
 
     def turning(self, times_ns: np.ndarray) -> np.ndarray:
         """Return at which times the sensor turns about the vertical, by its gyroscope."""
@@ -109,9 +109,9 @@ class Walk:
             mean = ndimage.gaussian_filter1d(force, rate_hz, axis=0, mode="nearest")
             about = (rate * mean).sum(axis=1) / np.sqrt((mean * mean).sum(axis=1))
             about = ndimage.gaussian_filter1d(about, TURN_S * rate_hz, mode="nearest")
-            own = (times_ns >= block.start_ns) & (times_ns <= block.last_ns)
-            turned = np.interp(times_ns[own], block.sample_times(), np.abs(about))
-            turns[own] = turned > TURN_RADPS
+            in_block = (times_ns >= block.start_ns) & (times_ns <= block.last_ns)
+            turn_radps = np.interp(times_ns[in_block], block.sample_times(), np.abs(about))
+            turns[in_block] = turn_radps > TURN_RADPS
         return turns
 
 
@@ -138,9 +138,9 @@ def read(source: Path, columns: Path | str, truth: Path | None = None) -> Walk:
     """Import a recording, by a map or its text, and read its accelerometer."""
     text = columns if isinstance(columns, str) else columns.read_text()
     with tempfile.TemporaryDirectory() as folder:
-        path, told = Path(folder) / "walk.mcap", Path(folder) / "map.toml"
-        told.write_text(text.replace('"a.u."', '"count"'))  # a field that no step looks at
-        import_recording([source], path, map_path=told, truth=truth)
+        path, map_file = Path(folder) / "walk.mcap", Path(folder) / "map.toml"
+        map_file.write_text(text.replace('"a.u."', '"count"'))  # a field that no step looks at
+        import_recording([source], path, map_path=map_file, truth=truth)
         with Recording.open(path) as opened:
             topic = next(s.topic for s in opened.streams if s.columns_of(FORCE))
             items = tuple(Source(opened, topics=[topic]))
@@ -153,8 +153,8 @@ def lower_back(folder: Path, pipeline: str) -> None:
     for path in sorted(folder.glob("*/*/data.mat")):
         walk = read(path, map_path("mobgap-test11.toml"))
         for rate_hz in (None, 30.0, 10.0, 6.0):
-            found = (walk if rate_hz is None else walk.at(rate_hz)).steps(pipeline)
-            ends = (walk.labels, found, walk.start_ns, walk.end_ns)
+            step_ns = (walk if rate_hz is None else walk.at(rate_hz)).steps(pipeline)
+            ends = (walk.labels, step_ns, walk.start_ns, walk.end_ns)
             wide, narrow = (score_steps(*ends, tolerance) for tolerance in (0.25, 0.12))
             print(
                 f"  {path.parent.parent.name}/{path.parent.name} "
@@ -168,17 +168,18 @@ def lower_back(folder: Path, pipeline: str) -> None:
 def references(folder: Path, pipeline: str) -> None:
     """What the two references of the same walks say of each other and of the steps found."""
     print("lower back (mobgap), insoles / optical: F1 at 0.25 s and 0.12 s, latency")
-    told = map_path("mobgap-test11.toml").read_text()
+    map_text = map_path("mobgap-test11.toml").read_text()
     for path in sorted(folder.glob("*/*/data.mat")):
         for test in ("Test11.Trial1", "Test5.Trial1", "Test5.Trial2"):
-            plain = told.replace("Test11.Trial1", test)
+            plain = map_text.replace("Test11.Trial1", test)
             insoles, optical = (
                 read(path, plain.replace("INDIP", name)) for name in ("INDIP", "Stereophoto")
             )
-            found = insoles.steps(pipeline)
+            step_ns = insoles.steps(pipeline)
             print(
-                f"  {path.parent.parent.name} {test:13}: {_both(insoles, found)} / "
-                f"{_both(optical, found)}; optical by insoles {_both(insoles, _contacts(optical))}"
+                f"  {path.parent.parent.name} {test:13}: {_both(insoles, step_ns)} / "
+                f"{_both(optical, step_ns)}; optical by insoles "
+                f"{_both(insoles, _contacts(optical))}"
             )
 
 
@@ -186,8 +187,8 @@ def _contacts(walk: Walk) -> np.ndarray:
     return np.array([x.time_ns for x in walk.labels if x.kind == "step"], np.int64)
 
 
-def _both(walk: Walk, found: np.ndarray) -> str:
-    ends = (walk.labels, found, walk.start_ns, walk.end_ns)
+def _both(walk: Walk, step_ns: np.ndarray) -> str:
+    ends = (walk.labels, step_ns, walk.start_ns, walk.end_ns)
     wide, narrow = (score_steps(*ends, tolerance) for tolerance in (0.25, 0.12))
     return f"{wide.f1:.3f} {narrow.f1:.3f} {wide.latency_ms.median:+.0f} ms"
 
@@ -198,12 +199,12 @@ def carried(folder: Path, pipeline: str) -> None:
     errors = []
     for path in sorted((folder / "validation").glob("*.csv")):
         walk = read(path, map_path("oxford-step-validation.toml"))
-        found = walk.steps(pipeline)
+        step_ns = walk.steps(pipeline)
         true = _contacts(walk)
         origin = walk.start_ns
-        f1 = f1_of((true - origin) / NS_PER_S, (found - origin) / NS_PER_S, 0.25)
-        errors.append(abs(len(found) / len(true) - 1))
-        print(f"  {path.stem.split('_')[1]:12} {len(found)} of {len(true)}, F1 {f1:.3f}")
+        f1 = f1_of((true - origin) / NS_PER_S, (step_ns - origin) / NS_PER_S, 0.25)
+        errors.append(abs(len(step_ns) / len(true) - 1))
+        print(f"  {path.stem.split('_')[1]:12} {len(step_ns)} of {len(true)}, F1 {f1:.3f}")
     if errors:
         print(f"  mean count error {100 * np.mean(errors):.2f} %")
 
@@ -213,8 +214,8 @@ def optimised(folder: Path, pipeline: str) -> None:
     print("phone (oxford-step optimisation): count")
     table = folder / "optimisation" / "stats.csv"
     rows = [x.split(",") for x in table.read_text().splitlines()[1:]] if table.is_file() else []
-    with tempfile.TemporaryDirectory() as place:
-        phone = Path(place) / "phone.toml"
+    with tempfile.TemporaryDirectory() as scratch:
+        phone = Path(scratch) / "phone.toml"
         phone.write_text(PHONE)
         for name, true in ((row[0].strip(), int(row[-1])) for row in rows):
             path = table.parent / name / "accelerometer.csv"

@@ -68,9 +68,9 @@ class Tally:
         """Match what was found in a walk; return index pairs of (all true, all found)."""
         spans = run.spans + np.array([0.1 - tolerance_s, tolerance_s - 0.1])
         scored = np.flatnonzero(inside(run.true_s, spans))
-        own = np.flatnonzero(inside(found_s, spans))
-        pairs = match(run.true_s[scored], found_s[own], tolerance_s)
-        self.true, self.found = self.true + len(scored), self.found + len(own)
+        counted = np.flatnonzero(inside(found_s, spans))
+        pairs = match(run.true_s[scored], found_s[counted], tolerance_s)
+        self.true, self.found = self.true + len(scored), self.found + len(counted)
         self.matched += len(pairs)
         hit = np.zeros(len(run.true_s), bool)
         if len(pairs):
@@ -78,7 +78,7 @@ class Tally:
         if run.walk.startswith("back-steps"):  # whole walks, from standing to standing
             for row in scored:
                 self.hits.setdefault(kind_of(run, row), []).append(bool(hit[row]))
-        return np.column_stack([scored[pairs[:, 0]], own[pairs[:, 1]]])
+        return np.column_stack([scored[pairs[:, 0]], counted[pairs[:, 1]]])
 
     @property
     def f1(self) -> float:
@@ -109,10 +109,10 @@ class Judged:
     def add(self, run: Run, rows: Array) -> None:
         """Take the steps found in a walk: times, and their uncertainty in the last column."""
         rows = rows[np.argsort(rows[:, 0])]
-        own = self.people.setdefault(run.person, (Tally(), Tally()))
-        for tally, tolerance_s in zip((self.narrow, own[0]), (NARROW_S, NARROW_S), strict=True):
+        tallies = self.people.setdefault(run.person, (Tally(), Tally()))
+        for tally, tolerance_s in zip((self.narrow, tallies[0]), (NARROW_S, NARROW_S), strict=True):
             tally.add(run, rows[:, 0], tolerance_s)
-        own[1].add(run, rows[:, 0], WIDE_S)
+        tallies[1].add(run, rows[:, 0], WIDE_S)
         pairs = self.wide.add(run, rows[:, 0], WIDE_S)
         late = rows[pairs[:, 1], 0] - run.true_s[pairs[:, 0]]
         self.errors += list(zip(late, rows[pairs[:, 1], -1], strict=True))
@@ -130,21 +130,21 @@ class Judged:
 def whole(runs: list[Run], rows: list[Array]) -> list[tuple[Run, Array]]:
     """Return the walks whose runs these are, with all that was found in them."""
     together: dict[str, tuple[Run, list[Array]]] = {}
-    for run, found in zip(runs, rows, strict=True):
-        together.setdefault(run.walk, (run, []))[1].append(found)
-    return [(run, np.concatenate(found)) for run, found in together.values()]
+    for run, steps in zip(runs, rows, strict=True):
+        together.setdefault(run.walk, (run, []))[1].append(steps)
+    return [(run, np.concatenate(parts)) for run, parts in together.values()]
 
 
 def judged(runs: list[Run], weights: dict[str, Weights]) -> Judged:
     """Score the runs of each person by the network that never saw that person."""
     default, rows = AdaptiveParameters(), []
     for run in runs:
-        found = candidates(run, weights[run.person])
-        kept = (found[:, 2] >= default.score) & (found[:, 3] >= default.apart)
-        rows.append(found[kept][:, [0, 6]])
+        peaks = candidates(run, weights[run.person])
+        passing = (peaks[:, 2] >= default.score) & (peaks[:, 3] >= default.apart)
+        rows.append(peaks[passing][:, [0, 6]])
     result = Judged()
-    for run, found in whole(runs, rows):
-        result.add(run, found)
+    for run, steps in whole(runs, rows):
+        result.add(run, steps)
     return result
 
 
@@ -153,11 +153,11 @@ def metronome(runs: list[Run]) -> tuple[float, float]:
     walks = [run for run, _ in whole(runs, [np.empty((0, 2))] * len(runs))]
     scores = []
     for run in walks:
-        kept = run.true_s[inside(run.true_s, run.spans)]
-        low, high = max(run.spans[0][0], kept[0] - 0.5), min(run.spans[-1][1], kept[-1] + 0.5)
+        true_s = run.true_s[inside(run.true_s, run.spans)]
+        low, high = max(run.spans[0][0], true_s[0] - 0.5), min(run.spans[-1][1], true_s[-1] + 0.5)
         spans = np.clip(run.spans, low, high)
         spans = spans[spans[:, 1] > spans[:, 0]]
-        scores.append([metronome_f1(kept, spans, len(kept), t) for t in (NARROW_S, WIDE_S)])
+        scores.append([metronome_f1(true_s, spans, len(true_s), t) for t in (NARROW_S, WIDE_S)])
     narrow, wide = np.mean(scores, axis=0)
     return float(narrow), float(wide)
 
@@ -182,19 +182,19 @@ def main() -> None:
     weights = {}
     for group in range(options.groups or len(people)):
         left_out = people[group :: options.groups or len(people)]
-        kept = ~np.isin(points.person, left_out)
+        in_training = ~np.isin(points.person, left_out)
         trained = train_both(
             [run for run in runs if run.person not in left_out],
-            Points(*(column[kept] for column in points)),
+            Points(*(column[in_training] for column in points)),
         )
         weights |= dict.fromkeys(left_out, trained)
     print(HEADER)
     for rate_hz in RATES_HZ:
         copies = [changed(run, 1.0, 1.0, rate_hz) for run in runs]
-        found = judged(copies, weights)
-        print(found.row(f"score, {f'{rate_hz:g} Hz' if rate_hz else 'as recorded'}"), flush=True)
+        score = judged(copies, weights)
+        print(score.row(f"score, {f'{rate_hz:g} Hz' if rate_hz else 'as recorded'}"), flush=True)
         if rate_hz is None:
-            by_person, errors = found.people, np.array(found.errors)
+            by_person, errors = score.people, np.array(score.errors)
     for name, pipeline, parameters in RIVALS:
         for rate_hz in (None, 6.0):
             print(rival(walks, pipeline, rate_hz, parameters).row(
@@ -206,16 +206,16 @@ def main() -> None:
         one, other = by_person[person]
         print(f"  {person:4} {one.f1:.3f} / {other.f1:.3f}")
     print("score by cadence, copies of walks of people left out: F1 within 0.12 / 0.25 s")
-    usual = np.median(np.concatenate([np.diff(run.true_s) for run in runs]))
+    step_s = np.median(np.concatenate([np.diff(run.true_s) for run in runs]))
     for slower in SLOWER:
-        found = judged([changed(run, slower, 1.0, None) for run in runs], weights)
-        print(f"  {1 / usual / slower:.2f} steps/s {found.narrow.f1:.3f} / {found.wide.f1:.3f}")
+        score = judged([changed(run, slower, 1.0, None) for run in runs], weights)
+        print(f"  {1 / step_s / slower:.2f} steps/s {score.narrow.f1:.3f} / {score.wide.f1:.3f}")
     rng = np.random.default_rng(PAUSED_SEED)
     straight = [run for run in runs if run.walk.startswith("back-steps")]
     stopped = [copy for run in straight if (copy := paused(run, rng)) is not None]
-    found = judged(stopped, weights)
+    score = judged(stopped, weights)
     pace = np.median(np.concatenate([np.diff(run.true_s) for run in stopped]))
-    print(f"  {1 / pace:.2f}, a pause in each {found.narrow.f1:.3f} / {found.wide.f1:.3f}")
+    print(f"  {1 / pace:.2f}, a pause in each {score.narrow.f1:.3f} / {score.wide.f1:.3f}")
     within = [float(np.mean(np.abs(errors[:, 0]) <= k * errors[:, 1])) for k in (1, 2)]
     print(f"true times within 1 and 2 claimed standard deviations: {within[0]:.2f} {within[1]:.2f}")
 
@@ -228,8 +228,8 @@ def rival(
     for person, name, walk in walks:
         run = next(iter(runs_of(person, name, walk)))
         slow = walk if rate_hz is None else walk.at(rate_hz)
-        found = slow.steps(pipeline, "trunk", **parameters)
-        times = (found - walk.start_ns) / NS_PER_S
+        step_ns = slow.steps(pipeline, "trunk", **parameters)
+        times = (step_ns - walk.start_ns) / NS_PER_S
         result.add(run, np.column_stack([times, np.ones(len(times))]))
     return result
 

@@ -36,17 +36,17 @@ SEEDS = range(501, 513)
 
 def typed(recording: Recording) -> list[StepEvent]:
     """Return the steps with types that the pipeline finds."""
-    found = EventList()
-    replay(Source(recording), build_pipeline(load_pipeline("step-types")), [found])
-    return [x for x in found.events if isinstance(x, StepEvent) and x.stage == "types"]
+    sink = EventList()
+    replay(Source(recording), build_pipeline(load_pipeline("step-types")), [sink])
+    return [x for x in sink.events if isinstance(x, StepEvent) and x.stage == "types"]
 
 
 def forward(files: list[tuple[Path, Path]]) -> Counter[str]:
     """Return the types of all steps of some files, those far from true ones left out."""
     counted: Counter[str] = Counter()
     for path, columns in files:
-        with tempfile.TemporaryDirectory() as place:
-            out = Path(place) / "walk.mcap"
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "walk.mcap"
             truth = path.parent / "truth.csv"
             given = truth if path.name == "signal.csv" else None
             import_recording([path], out, map_path=columns, truth=given)
@@ -68,8 +68,8 @@ def told(name: str, counted: Counter[str]) -> None:
 def simulated(seed: int) -> Counter[tuple[str, str]]:
     """Return how often a true type was called what."""
     counted: Counter[tuple[str, str]] = Counter()
-    with tempfile.TemporaryDirectory() as place:
-        out = Path(place) / "walk.mcap"
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "walk.mcap"
         write(simulate_walk(WalkOptions(types=True, seed=seed)), out)
         with Recording.open(out) as recording:
             steps = typed(recording)

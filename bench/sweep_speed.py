@@ -69,8 +69,8 @@ def report(name: str, evidence: Evidence, texts: tuple[str, ...], runs: int) -> 
     times = [(swept_s(evidence, grid), single_s(evidence, grid)) for _ in range(runs)]
     swept = statistics.median(t[0] for t in times) / len(grid)
     single = statistics.median(t[1] for t in times) / SINGLE
-    said, rate = f"{name}, {recorded_s:.0f} s", recorded_s / swept
-    print(f"{said:34}{len(grid):10}{swept * 1e3:15.3f}{rate:18.0f}{single / swept:15.1f}")
+    label, rate = f"{name}, {recorded_s:.0f} s", recorded_s / swept
+    print(f"{label:34}{len(grid):10}{swept * 1e3:15.3f}{rate:18.0f}{single / swept:15.1f}")
 
 
 def main() -> None:

@@ -68,7 +68,7 @@ def how_fast() -> None:
     names = [re.sub(r"[*`]", "", row[0]) for row in rows]
     times = [float(row[1]) for row in rows]
     ours = [name.startswith(("replay", "room-footsteps")) for name in names]
-    colours = ["#d55e00" if own else "#888888" for own in ours]
+    colours = ["#d55e00" if is_ours else "#888888" for is_ours in ours]
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
     bars = axes.barh(names, times, color=colours)
     axes.bar_label(bars, [f"{t:.2f}" for t in times], padding=3, fontsize=8)

@@ -106,8 +106,8 @@ def frame_ms(client: ViewerClient, at_s: float) -> float:
         trace = Path(folder) / "trace.puffin"
         client.capture_profile_trace(str(trace), num_frames=FRAMES)
         command = [str(viewer_program()), "dump-puffin", str(trace)]
-        told = subprocess.run(command, env=quiet_environment(), capture_output=True, check=True)
-    return statistics.median(f["duration_ns"] / 1e6 for f in json.loads(told.stdout)["frames"])
+        dump = subprocess.run(command, env=quiet_environment(), capture_output=True, check=True)
+    return statistics.median(f["duration_ns"] / 1e6 for f in json.loads(dump.stdout)["frames"])
 
 
 def main() -> None:
@@ -134,11 +134,11 @@ def main() -> None:
             rrd = Path(folder) / f"{mode}.rrd"
             wall_s = written_s(path, rrd, mode, options.set)
             size = rrd.stat().st_size
-            found = shown(rrd, [min(5.0, length_s / 4), length_s / 2, length_s - 5.0])
-            frames = "  ".join(f"{ms:5.1f}" for ms in found.frames_ms)
+            timing = shown(rrd, [min(5.0, length_s / 4), length_s / 2, length_s - 5.0])
+            frames = "  ".join(f"{ms:5.1f}" for ms in timing.frames_ms)
             print(
                 f"{mode:12}{size / 1e6:8.1f}{100 * size / raw:10.2f}{wall_s:11.1f}"
-                f"{found.open_s:8.2f}{found.picture_s:11.2f}   {frames}"
+                f"{timing.open_s:8.2f}{timing.picture_s:11.2f}   {frames}"
             )
 
 

@@ -84,18 +84,18 @@ def tracked(places: np.ndarray, model: WalkModel) -> tuple[np.ndarray, np.ndarra
     """Filtered and smoothed places, shape (25, 2) each."""
     walker = StepFilter(model, places[0], first_spread(model.r))
     states, spreads = [walker.state], [walker.spread]
-    for place in places[1:]:
-        walker.step(place, model.r)
+    for fix in places[1:]:
+        walker.step(fix, model.r)
         states.append(walker.state)
         spreads.append(walker.spread)
-    known, motions = np.array(states), [Motion.ahead(model)] * len(states)
-    return known[:, 2:], smoothed(known, np.array(spreads), motions)[0][:, 2:]
+    filtered, motions = np.array(states), [Motion.ahead(model)] * len(states)
+    return filtered[:, 2:], smoothed(filtered, np.array(spreads), motions)[0][:, 2:]
 
 
 def errors(path: np.ndarray, places: np.ndarray, model: WalkModel) -> Errors:
     """Return the errors of one path."""
-    found = [tracked(run, model) for run in places]
-    filtered, smooth = (np.array(x) for x in zip(*found, strict=True))
+    tracks = [tracked(run, model) for run in places]
+    filtered, smooth = (np.array(x) for x in zip(*tracks, strict=True))
     return Errors(*(((x - path) ** 2).sum(axis=-1) for x in (places, filtered, smooth)))
 
 
@@ -106,17 +106,17 @@ def rms(squares: np.ndarray) -> float:
 def row(path: np.ndarray, runs: int, rng: np.random.Generator) -> tuple[float, ...]:
     """Return the figures of a path, by column [m]."""
     places = located(path, runs, rng)
-    usual, loose, slow = (errors(path, places, model) for model in MODELS)
-    steps = np.sqrt(usual.filtered.mean(axis=0))
+    nominal, loose, slow = (errors(path, places, model) for model in MODELS)
+    steps = np.sqrt(nominal.filtered.mean(axis=0))
     return (
-        rms(usual.static),
-        rms(usual.filtered),
+        rms(nominal.static),
+        rms(nominal.filtered),
         float(steps[TURN - 2]),
         float(steps[TURN - 1 : TURN + 4].max()),
         float(steps[-1]),
         rms(loose.filtered),
         rms(slow.filtered),
-        rms(usual.smoothed),
+        rms(nominal.smoothed),
     )
 
 
@@ -126,13 +126,13 @@ def table(runs: int) -> bool:
     print(f"{'path':8}" + "".join(f"{name:>20}" for name in COLUMNS))
     for name, path in PATHS.items():
         cells = []
-        for found, expected in zip(row(path, runs, rng), REFERENCE[name], strict=True):
+        for figure, expected in zip(row(path, runs, rng), REFERENCE[name], strict=True):
             if expected is None:
-                cells.append(f"{found:.3f}")
+                cells.append(f"{figure:.3f}")
                 continue
-            good = abs(found / expected - 1) <= TOLERANCE
+            good = abs(figure / expected - 1) <= TOLERANCE
             passed &= good
-            cells.append(f"{found:.3f} ({expected:.3f}) {'pass' if good else 'FAIL'}")
+            cells.append(f"{figure:.3f} ({expected:.3f}) {'pass' if good else 'FAIL'}")
         print(f"{name:8}" + "".join(f"{cell:>20}" for cell in cells))
     return passed
 
@@ -144,22 +144,22 @@ def gains() -> bool:
         walker = StepFilter(model, np.zeros(2), first_spread(model.r))
         for _ in range(200):
             walker.step(np.zeros(2), model.r)
-        found = walker.gain[[0, 2], 0]
-        good = bool(np.allclose(found, expected, rtol=0, atol=1e-6))
+        gain = walker.gain[[0, 2], 0]
+        good = bool(np.allclose(gain, expected, rtol=0, atol=1e-6))
         passed &= good
-        print(f"gains {found.round(6)} {expected} {'pass' if good else 'FAIL'}")
+        print(f"gains {gain.round(6)} {expected} {'pass' if good else 'FAIL'}")
     return passed
 
 
 def golden() -> bool:
     """Print the places of five fixes with the reference beside; return whether they are equal."""
     walker = StepFilter(MODELS[0], FIXES[0], np.eye(4))
-    found = []
-    for place in FIXES[1:]:
-        walker.step(place, MODELS[0].r)
-        found.append(walker.state[2:])
-    good = bool(np.allclose(found, GOLDEN, rtol=0, atol=1e-6))
-    print(f"places {np.round(found, 6).tolist()} {GOLDEN} {'pass' if good else 'FAIL'}")
+    positions = []
+    for fix in FIXES[1:]:
+        walker.step(fix, MODELS[0].r)
+        positions.append(walker.state[2:])
+    good = bool(np.allclose(positions, GOLDEN, rtol=0, atol=1e-6))
+    print(f"places {np.round(positions, 6).tolist()} {GOLDEN} {'pass' if good else 'FAIL'}")
     return good
 
 

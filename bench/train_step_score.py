@@ -121,8 +121,8 @@ def changed(run: Run, slower: float, gain: float, rate_hz: float | None) -> Run:
     if slower != 1.0 or gain != 1.0:
         mean = _smooth(force, own_hz)
         at = np.arange(int(force.shape[1] * slower)) / slower
-        whole = mean + (force - mean) * gain
-        force = np.array([np.interp(at, np.arange(len(row)), row) for row in whole])
+        scaled = mean + (force - mean) * gain
+        force = np.array([np.interp(at, np.arange(len(row)), row) for row in scaled])
     return run._replace(
         force=force,
         rate_hz=own_hz,
@@ -136,25 +136,25 @@ def changed(run: Run, slower: float, gain: float, rate_hz: float | None) -> Run:
 def paused(run: Run, rng: np.random.Generator) -> Run | None:
     """Return a copy that stands still for a while in the middle of every step."""
     rate_hz, count = run.rate_hz, run.force.shape[1]
-    own = run.true_s - run.start_s
-    own = own[(own > 0.5) & (own < count / rate_hz - 0.5)]
-    if len(own) < 3:
+    contacts_s = run.true_s - run.start_s
+    contacts_s = contacts_s[(contacts_s > 0.5) & (contacts_s < count / rate_hz - 0.5)]
+    if len(contacts_s) < 3:
         return None
     mean = _smooth(run.force, rate_hz)
     moved = run.force - mean
-    cuts = np.rint((own[1:] + own[:-1]) / 2 * rate_hz).astype(int)
+    cuts = np.rint((contacts_s[1:] + contacts_s[:-1]) / 2 * rate_hz).astype(int)
     fade = np.minimum(
         1, np.abs(np.arange(count)[:, None] - cuts[None, :]).min(1) / (0.15 * rate_hz)
     )
-    whole = mean + moved * (0.5 - 0.5 * np.cos(np.pi * fade))
+    faded = mean + moved * (0.5 - 0.5 * np.cos(np.pi * fade))
     lengths = np.rint(rng.uniform(*PAUSES_S, len(cuts)) * rate_hz).astype(int)
     pieces, true_s, before = [], [], 0.0
     for low, high, still in zip([0, *cuts], [*cuts, count], [*lengths, 0], strict=True):
-        pieces.append(whole[:, low:high])
-        inside_piece = own[(own * rate_hz >= low) & (own * rate_hz < high)]
+        pieces.append(faded[:, low:high])
+        inside_piece = contacts_s[(contacts_s * rate_hz >= low) & (contacts_s * rate_hz < high)]
         true_s += list(inside_piece + before)
         if still:
-            level = np.linspace(whole[:, high - 1], whole[:, min(high, count - 1)], still).T
+            level = np.linspace(faded[:, high - 1], faded[:, min(high, count - 1)], still).T
             pieces.append(level + rng.normal(0, 0.03, level.shape))
             before += still / rate_hz
     force = np.concatenate(pieces, axis=1)
@@ -183,10 +183,10 @@ def windows_of(run: Run) -> tuple[Array, Array, Array]:
     block = SignalBlock(stream, round(run.start_s * NS_PER_S), 0, np.ascontiguousarray(run.force.T))
     upward, windows = Upward(stream, CUTOFF_HZ), StepWindows()
     parts = [upward(block), upward.flush()]
-    found = [windows(moving(part.force, part.gravity)) for part in parts] + [windows.flush()]
+    window_parts = [windows(moving(part.force, part.gravity)) for part in parts] + [windows.flush()]
     time_s = np.concatenate([part.time_ns for part in parts]) / NS_PER_S
-    seen = np.concatenate([each.seen for each in found])
-    return time_s, seen, np.concatenate([each.step_s for each in found])
+    seen = np.concatenate([each.seen for each in window_parts])
+    return time_s, seen, np.concatenate([each.step_s for each in window_parts])
 
 
 def points_of(run: Run, weight: float, slower: float, rng: np.random.Generator) -> Points:
@@ -195,7 +195,7 @@ def points_of(run: Run, weight: float, slower: float, rng: np.random.Generator) 
     near = np.abs(time_s[:, None] - run.true_s[None, :]).min(axis=1)
     contact = np.exp(-0.5 * (near / CONTACT_S) ** 2)
     other = contact <= 0.02
-    kept = inside(time_s, run.spans) & (
+    selected = inside(time_s, run.spans) & (
         rng.random(len(time_s)) < np.where(other, 0.5, 1.0) / max(1.0, slower)
     )
     weights = weight * np.where(other, 2.0, 1.0) * max(1.0, slower) ** 0.5
@@ -204,8 +204,8 @@ def points_of(run: Run, weight: float, slower: float, rng: np.random.Generator) 
         if len(times):
             beside = np.abs(time_s[:, None] - times[None, :]).min(axis=1) < 0.25 * slower
             weights = weights * np.where(beside, gain, 1.0)
-    person = np.full(int(kept.sum()), run.person)
-    return Points(seen[kept].astype(np.float32), contact[kept], weights[kept], person)
+    person = np.full(int(selected.sum()), run.person)
+    return Points(seen[selected].astype(np.float32), contact[selected], weights[selected], person)
 
 
 def lessons(runs: list[Run], seed: int = 0) -> Points:
@@ -225,19 +225,19 @@ def train(points: Points, networks: int = NETWORKS) -> tuple[Network, Array]:
     """Return the first network, several side by side, and the usual step."""
     unsure = points.contact > 0.02  # both a contact and none, by parts
     seen = np.concatenate([points.seen, points.seen[unsure]])
-    said = np.concatenate([np.zeros(len(points.seen), int), np.ones(unsure.sum(), int)])
+    labels = np.concatenate([np.zeros(len(points.seen), int), np.ones(unsure.sum(), int)])
     weight = np.concatenate(
         [points.weight * (1 - points.contact), (points.weight * points.contact)[unsure]]
     )
     scale = points.seen.std(axis=0) + 1e-6
-    network = fitted(seen, said, weight, 0.0 * scale, scale, UNITS, ALPHA, 500, networks)
+    network = fitted(seen, labels, weight, 0.0 * scale, scale, UNITS, ALPHA, 500, networks)
     steps = np.average(points.seen, axis=0, weights=points.weight * (points.contact > 0.9))
     return network, np.ascontiguousarray(steps.astype(np.float64))
 
 
 def fitted(
     seen: Array,
-    said: Array,
+    labels: Array,
     weight: Array,
     mean: Array,
     scale: Array,
@@ -257,7 +257,7 @@ def fitted(
         )  # fmt: skip
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it is stopped early on purpose
-            network.fit((seen - mean) / scale, said, sample_weight=weight)
+            network.fit((seen - mean) / scale, labels, sample_weight=weight)
         made.append([np.asarray(x, np.float64) for x in (*network.coefs_, *network.intercepts_)])
     hidden = np.concatenate([m[0] for m in made], axis=1) / scale[:, None]
     return Network(
@@ -292,8 +292,8 @@ def cases_of(run: Run, first: Weights, weight: float, slower: float) -> Cases:
         if len(times):
             beside = np.abs(rows[:, :1] - times[None, :]).min(axis=1) < 0.25 * slower
             weights = weights * np.where(beside, gain, 1.0)
-    kept = inside(rows[:, 0], run.spans)
-    return Cases(inputs[kept], contact[kept], weights[kept])
+    in_spans = inside(rows[:, 0], run.spans)
+    return Cases(inputs[in_spans], contact[in_spans], weights[in_spans])
 
 
 def train_both(runs: list[Run], points: Points) -> Weights:
@@ -303,13 +303,13 @@ def train_both(runs: list[Run], points: Points) -> Weights:
     parts: list[Cases] = []
     for fold in range(FOLDS):
         left_out = people[fold::FOLDS]
-        kept = ~np.isin(points.person, left_out)
-        first = _first(Points(*(column[kept] for column in points)))
-        own = [run for run in runs if run.person in left_out]
+        in_training = ~np.isin(points.person, left_out)
+        first = _first(Points(*(column[in_training] for column in points)))
+        left_out_runs = [run for run in runs if run.person in left_out]
         for slower, gain, rate_hz, weight in COPIES:
-            copies = [changed(run, slower, gain, rate_hz) for run in own]
+            copies = [changed(run, slower, gain, rate_hz) for run in left_out_runs]
             parts += [cases_of(copy, first, weight, slower) for copy in copies]
-        stopped = [paused(run, rng) for run in own if not run.walk.startswith("mobgap")]
+        stopped = [paused(run, rng) for run in left_out_runs if not run.walk.startswith("mobgap")]
         parts += [cases_of(copy, first, PAUSED_WEIGHT, 1.0) for copy in stopped if copy is not None]
     cases = Cases(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     mean, scale = cases.inputs.mean(axis=0), cases.inputs.std(axis=0) + 1e-6
@@ -320,15 +320,15 @@ def train_both(runs: list[Run], points: Points) -> Weights:
 
 
 def _first(points: Points) -> Weights:
-    network, usual = train(points)
-    return Weights(network, network, usual)  # the second one is trained later
+    network, mean_step = train(points)
+    return Weights(network, network, mean_step)  # the second one is trained later
 
 
 def surrounded(run: Run, weights: Weights) -> tuple[Array, Array]:
     """Return the candidates of a run, the place replaced by the time [s], and what is around."""
     time_s, seen, step_s = windows_of(run)
-    stage, said = Surroundings(), scores(seen, weights)
-    parts = [stage(seen, said, step_s), stage.flush()]
+    stage, point_scores = Surroundings(), scores(seen, weights)
+    parts = [stage(seen, point_scores, step_s), stage.flush()]
     rows, inputs = (np.concatenate([part[k] for part in parts]) for k in range(2))
     rows[:, 0] = np.interp(rows[:, 0], np.arange(len(time_s)), time_s)
     return rows, inputs
@@ -341,18 +341,18 @@ def candidates(run: Run, weights: Weights) -> Array:
 
 def walks_of_all(folder: Path) -> list[tuple[str, str, Walk]]:
     """Return person, name and walk of all recordings."""
-    found = []
+    walks = []
     for path in sorted(folder.glob("back-steps/*/signal.csv")):
         walk = read(path, path.with_name("map.toml"), path.with_name("truth.csv"))
         name = path.parent.name
-        found.append((name.split("-")[0], f"back-steps {name}", walk))
-    told = map_path("mobgap-test11.toml").read_text()
+        walks.append((name.split("-")[0], f"back-steps {name}", walk))
+    map_text = map_path("mobgap-test11.toml").read_text()
     for path in sorted(folder.glob("mobgap/*/*/data.mat")):
         person = path.parent.parent.name
         for test in ("Test11.Trial1", "Test5.Trial1", "Test5.Trial2"):
-            walk = read(path, told.replace("Test11.Trial1", test))
-            found.append((person, f"mobgap {person} {test}", walk))
-    return found
+            walk = read(path, map_text.replace("Test11.Trial1", test))
+            walks.append((person, f"mobgap {person} {test}", walk))
+    return walks
 
 
 def runs_of_all(walks: list[tuple[str, str, Walk]]) -> list[Run]:
@@ -383,9 +383,9 @@ def main() -> None:
     options = parser.parse_args()
     runs = runs_of_all(walks_of_all(options.data))
     points = lessons(runs)
-    place = Path(step_score.__file__).with_name("step_score.json")
-    place.write_text(json.dumps(rounded(train_both(runs, points))) + "\n")
-    print(f"{len(points.seen)} points; wrote {place.name}")
+    path = Path(step_score.__file__).with_name("step_score.json")
+    path.write_text(json.dumps(rounded(train_both(runs, points))) + "\n")
+    print(f"{len(points.seen)} points; wrote {path.name}")
 
 
 if __name__ == "__main__":

@@ -70,9 +70,9 @@ def main() -> None:
             one, both = (
                 1e3 * statistics.median(t) / options.seconds for t in zip(*pairs, strict=True)
             )
-            said = " ".join(f"{ratio:.2f}" for ratio in ratios)
+            ratio_text = " ".join(f"{ratio:.2f}" for ratio in ratios)
             middle = statistics.median(ratios)
-            print(f"{case:28}{one:10.2f}{both:8.2f}{middle:8.2f}  {said}")
+            print(f"{case:28}{one:10.2f}{both:8.2f}{middle:8.2f}  {ratio_text}")
 
 
 if __name__ == "__main__":

@@ -63,8 +63,8 @@ class Unstated:
     ) -> Iterator[LoggedBlock]:
         """Yield its blocks."""
         wanted = topics or [stream.topic for stream in self.streams]
-        found = self._recording.blocks(wanted, start_ns, stop_ns, joined_ns)
-        for stamped in found:
+        logged_blocks = self._recording.blocks(wanted, start_ns, stop_ns, joined_ns)
+        for stamped in logged_blocks:
             unstated = replace(stamped.block.stream, placement="")
             yield stamped._replace(block=replace(stamped.block, stream=unstated))
 
@@ -98,24 +98,24 @@ def run_of(case: Case, truth: Path | None) -> Run:
                 "now": now,
                 "stated": replace(config, placements={stream.topic: worn}),
             }
-            found = {name: _steps(way, recording) for name, way in ways.items()}
+            times_by_way = {name: _steps(way, recording) for name, way in ways.items()}
             span = opened.start_ns, opened.end_ns
             scored = any(label.kind == "step" for label in opened.labels)
             scores = {
                 name: score_steps(opened.labels, times, *span, TOLERANCE_S) if scored else None
-                for name, times in found.items()
+                for name, times in times_by_way.items()
             }
     name = "/".join(
         case.path.parts[-3:-1] if case.path.stem in ("data", "signal") else case.path.parts[-1:]
     )
-    counts = {way: len(times) for way, times in found.items()}
+    counts = {way: len(times) for way, times in times_by_way.items()}
     return Run(name, now.placements[stream.topic], counts, scores)
 
 
 def _steps(config: PipelineConfig, recording: Unstated) -> np.ndarray:
-    kept = Steps()
-    replay(Source(recording), build_pipeline(config), [kept])
-    return np.array(sorted(kept.times), np.int64)
+    sink = Steps()
+    replay(Source(recording), build_pipeline(config), [sink])
+    return np.array(sorted(sink.times), np.int64)
 
 
 def all_cases(folder: Path, phone: Path) -> Iterator[tuple[str, Case, Path | None]]:
@@ -167,9 +167,9 @@ def _print_set(name: str, runs: list[Run]) -> None:
     taken = defaultdict(int)
     for run in runs:
         taken[run.taken or "-"] += 1
-    told = " ".join(f"{count} {place}" for place, count in sorted(taken.items()))
+    placements = " ".join(f"{count} {placement}" for placement, count in sorted(taken.items()))
     scored = [run.scores for run in runs if run.scores["now"] is not None]
-    row = f"{name:20} {len(runs):10}  {told:30}"
+    row = f"{name:20} {len(runs):10}  {placements:30}"
     if scored:
         f1 = " ".join(f"{np.mean([s[way].f1 for s in scored]):.3f}" for way in WAYS)
         late = " ".join(

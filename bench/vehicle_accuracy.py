@@ -81,8 +81,8 @@ def replayed(simulation: Simulation, config: PipelineConfig) -> list[Event]:
 def tracks_pipeline() -> PipelineConfig:
     """Return vehicle-tracks without the places of single cycles, which tracks do not take."""
     config = load_pipeline("vehicle-tracks")
-    kept = tuple(s for s in config.stage if s.key in ("presence", *METHODS))
-    return PipelineConfig(config.name, config.description, config.application, kept)
+    stages = tuple(s for s in config.stage if s.key in ("presence", *METHODS))
+    return PipelineConfig(config.name, config.description, config.application, stages)
 
 
 @dataclass
@@ -95,12 +95,12 @@ class Errors:
     missing: int = 0
 
     def _inside(self, sigmas: float) -> str:
-        known = np.array(self.normed)
-        return "-" if np.isnan(known).all() else f"{100 * np.mean(known <= sigmas):.0f}"
+        normed = np.array(self.normed)
+        return "-" if np.isnan(normed).all() else f"{100 * np.mean(normed <= sigmas):.0f}"
 
     def row(self, name: str) -> str:
-        found = len(self.across)
-        if not found:
+        count = len(self.across)
+        if not count:
             return f"  {name:14} none"
         median, most = np.percentile(self.across, [50, 90])
         return (
@@ -190,11 +190,11 @@ def courses(count: int, name: str, laws: int, ground: Callable[[Generator], Grou
         points = [e for e in replayed(simulation, tracks_pipeline()) if isinstance(e, TrackPoint)]
         points += centroids(simulation)
         for key, those in errors.items():
-            found = on_the_way(simulation, [p for p in points if p.stage == key])
-            if not len(found):
+            rows = on_the_way(simulation, [p for p in points if p.stage == key])
+            if not len(rows):
                 those.missing += 1
                 continue
-            across, sigma, speed = found.mean(axis=0)
+            across, sigma, speed = rows.mean(axis=0)
             those.across.append(across)
             those.speed.append(speed)
             those.normed.append(across / sigma)
@@ -209,7 +209,7 @@ def passes(count: int, stations: int, spacing_m: float, **given: float) -> None:
     """Print how many vehicles and how many recordings were right."""
     config = load_pipeline("vehicle-passes")
     scores: list[PassScore] = []
-    right = false = found = truth = 0
+    right = false = matched = truth = 0
     for seed in range(count):
         options = VehicleOptions(
             seed=FIRST + seed,
@@ -221,26 +221,26 @@ def passes(count: int, stations: int, spacing_m: float, **given: float) -> None:
             **given,
         )
         simulation = simulate_vehicle(options)
-        said = [e for e in replayed(simulation, config) if isinstance(e, Pass)]
-        score = score_passes(simulation.labels, said)
+        reported = [e for e in replayed(simulation, config) if isinstance(e, Pass)]
+        score = score_passes(simulation.labels, reported)
         if score is None:
             continue
         scores.append(score)
-        extra = {p.vehicle for p in said if p.vehicle} - {v.vehicle for v in score.vehicles}
+        extra = {p.vehicle for p in reported if p.vehicle} - {v.vehicle for v in score.vehicles}
         right += score.vehicles_right == 5 and score.order_right and not extra
-        found, truth = found + score.matched, truth + score.truth
+        matched, truth = matched + score.matched, truth + score.truth
         false += score.found - score.matched
     vehicles = [v for s in scores for v in s.vehicles]
-    told = [v for v in vehicles if v.speed_error_mps is not None]
-    off = [100 * abs(v.speed_error_mps) / v.speed_mps for v in told]
+    with_speed = [v for v in vehicles if v.speed_error_mps is not None]
+    off = [100 * abs(v.speed_error_mps) / v.speed_mps for v in with_speed]
     wrong = sum(v.direction_right is False for v in vehicles)
     ordered = sum(s.order_right for s in scores)
     words = ", ".join(f"{k} {v:g}" for k, v in given.items())
     print(
         f"  {stations} stations {spacing_m:g} m apart {words:28} all right {right}/{count}, order "
-        f"{ordered}/{count}; passes {found}/{truth}, {false} false; vehicles told {len(told)}/"
-        f"{len(vehicles)}, {wrong} wrong way; speed {np.median(off):.1f} %, 90 % within "
-        f"{np.percentile(off, 90):.1f} %",
+        f"{ordered}/{count}; passes {matched}/{truth}, {false} false; vehicles told "
+        f"{len(with_speed)}/{len(vehicles)}, {wrong} wrong way; speed {np.median(off):.1f} %, "
+        f"90 % within {np.percentile(off, 90):.1f} %",
         flush=True,
     )
 
@@ -248,7 +248,7 @@ def passes(count: int, stations: int, spacing_m: float, **given: float) -> None:
 def presence(count: int, walkers: int, impacts: int) -> None:
     """Print what is told while no vehicle is near, by hour, and vehicles heard."""
     config = load_pipeline("vehicle-passes")
-    away_s, spans, alone, heard, there = 0.0, 0, 0, 0, 0
+    away_s, spans, alone, detected, there = 0.0, 0, 0, 0, 0
     for seed in range(count):
         options = VehicleOptions(
             seed=300 + seed,
@@ -268,19 +268,19 @@ def presence(count: int, walkers: int, impacts: int) -> None:
         spans += sum(isinstance(e, Presence) for e in off)
         alone += sum(isinstance(e, Pass) for e in off)
         stations = {e.station for e in events if isinstance(e, Pass) and e not in off}
-        heard, there = heard + len(stations), there + 3
+        detected, there = detected + len(stations), there + 3
     hours = away_s / 3600
     print(
         f"  {walkers} walkers, {impacts} impacts in 3 min: {spans / hours:.1f} spans and "
         f"{alone / hours:.1f} passes an hour at 3 stations, of {hours:.2f} h without a vehicle; "
-        f"vehicles found at {heard} of {there} stations"
+        f"vehicles found at {detected} of {there} stations"
     )
 
 
 def time_of(event: Event) -> int:
     """Return the time of an event; a specification has none."""
-    found: int = getattr(event, "time_ns", 0) if isinstance(event, Pass | Presence) else 0
-    return found
+    time_ns: int = getattr(event, "time_ns", 0) if isinstance(event, Pass | Presence) else 0
+    return time_ns
 
 
 def main() -> int:

@@ -42,8 +42,8 @@ def information(
     aside, ahead = slope @ across, slope @ heading
     lever = way[:, None]
     rows = np.stack([aside, ahead, aside * lever, ahead * lever, share], axis=-1).reshape(-1, 5)
-    found: np.ndarray = rows.T @ rows * CELL_M / (np.sqrt(np.pi) * coherence_m)
-    return found
+    fisher: np.ndarray = rows.T @ rows * CELL_M / (np.sqrt(np.pi) * coherence_m)
+    return fisher
 
 
 def bound(count: int, coherence_m: float, draws: int = 200) -> tuple[float, float]:

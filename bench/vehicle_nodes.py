@@ -63,13 +63,13 @@ class Table:
     speeds: list[float] = field(default_factory=list)
     speeds_normed: list[float] = field(default_factory=list)
 
-    def add(self, simulation: Simulation, found: list[Found]) -> None:
+    def add(self, simulation: Simulation, vehicles: list[Found]) -> None:
         """Match vehicles to true ones by most passes within the tolerance."""
         truth = defaultdict(dict)
         for x in simulation.labels:
             if x.kind == "pass":
                 truth[x.target][x.channel] = x
-        left = list(found)
+        left = list(vehicles)
         for passes in truth.values():
             self.vehicles += 1
             self.passes += len(passes)
@@ -147,15 +147,15 @@ def rival(simulation: Simulation) -> list[Found]:
     size = round(SMOOTH_S * stream.rate_hz)
     tops = []
     for station in range(len(site.names)):
-        own = [i for i, c in enumerate(stream.channels) if site.of_channel[c.name] == station]
-        level = np.convolve(power[:, own].sum(axis=1), np.ones(size) / size, "same")
+        columns = [i for i, c in enumerate(stream.channels) if site.of_channel[c.name] == station]
+        level = np.convolve(power[:, columns].sum(axis=1), np.ones(size) / size, "same")
         high = level > 10 ** (OVER_DB / 10) * np.quantile(level, 0.2)
         edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
         spans = zip(edges[::2], edges[1::2], strict=True)
         tops.append([(a + int(level[a:b].argmax())) / stream.rate_hz for a, b in spans])
     along, _ = site.along_road()
     order = np.argsort(along)
-    found = []
+    vehicles = []
     for direction in (1, -1):
         way = order[::direction]
         for start in tops[way[0]]:
@@ -170,10 +170,10 @@ def rival(simulation: Simulation) -> list[Found]:
                 speed = float(np.ptp(along)) / (times[-1] - times[0])
                 names = [site.names[k] for k in way]
                 sigmas = dict.fromkeys(names, SMOOTH_S / 2)
-                found.append(
+                vehicles.append(
                     Found(direction, dict(zip(names, times, strict=True)), sigmas, speed, speed)
                 )
-    return found
+    return vehicles
 
 
 def main() -> None:

@@ -76,9 +76,9 @@ def exponents() -> None:
     """Print how the exponent of (2) changes with distance."""
     r = np.array([2.0, 5.0, 10.0, 20.0, 50.0, 100.0])
     print("exponent of the integral in (2), rho 1e-3 s/m, f0 10 Hz, xi 0.7, at 2 to 100 m")
-    for kind, known in (("low-pass", ".08 .19 .34 .55 .84 .97"), ("high-pass", "1.1 to 4.2")):
-        found = local_exponent(r, Geophone(10.0, 0.7, kind), 1e-3) - 1
-        print(f"  {kind:10}" + " ".join(f"{x:.2f}" for x in found) + f"  ({known})")
+    for kind, reference in (("low-pass", ".08 .19 .34 .55 .84 .97"), ("high-pass", "1.1 to 4.2")):
+        exponent = local_exponent(r, Geophone(10.0, 0.7, kind), 1e-3) - 1
+        print(f"  {kind:10}" + " ".join(f"{x:.2f}" for x in exponent) + f"  ({reference})")
 
 
 def estimators(trials: int, rng: np.random.Generator) -> bool:
@@ -86,15 +86,15 @@ def estimators(trials: int, rng: np.random.Generator) -> bool:
     print(f"ratios: K = 1000, {trials} trials: mean / theta, std of ln theta, theory")
     good = True
     for method, (mean, (low, high)) in KNOWN_RATIOS.items():
-        found = []
+        log_errors = []
         for theta in (0.1, 1.0, 20.0):
             powers = rng.exponential(size=(2, trials, 1000))
-            found.append(
+            log_errors.append(
                 ratios.estimate(powers[0], theta * powers[1], method, correlated=False).log_theta
                 - np.log(theta)
             )
-        over = [float(np.exp(f).mean()) for f in found]
-        sigma = [float(f.std()) for f in found]
+        over = [float(np.exp(f).mean()) for f in log_errors]
+        sigma = [float(f.std()) for f in log_errors]
         slack = 0.001 + 3 * high / (2 * trials) ** 0.5
         passed = low - slack <= min(sigma) and max(sigma) <= high + slack
         good &= passed
@@ -124,13 +124,13 @@ def places(trials: int, rng: np.random.Generator) -> None:
     x, y = (np.arange(a, b + 0.1, 0.5) for a, b in zip(low, high, strict=True))
     off: dict[str, list[float]] = {name: [] for name in KNOWN_PLACES}
     for _ in range(trials):
-        place = rng.uniform(low, high)
-        mean = LAW.power(ranges(place, SENSORS))
+        position = rng.uniform(low, high)
+        mean = LAW.power(ranges(position, SENSORS))
         p = rng.exponential(size=(6, 200)) * mean[:, None]
         theta = ratios.estimate(p[1:], p[:1], "likelihood", correlated=False).log_theta
         fit = likelihood.locate(nodes, SENSORS, theta, (1.5 / 200) ** 0.5)
         powers = mean * (1 + rng.normal(size=6) / 3)
-        found = (
+        estimates = (
             nodes[printed_17(nodes, SENSORS, np.exp(theta)).argmax()],
             nodes[printed_17(nodes, SENSORS, np.exp(theta / 1.5)).argmax()],
             nodes[likelihood.correlation(nodes, SENSORS, theta).argmax()],
@@ -138,8 +138,8 @@ def places(trials: int, rng: np.random.Generator) -> None:
             CyclePlace(powers, SENSORS, LAW, mu_known=True).surface(x, y).best,
             CyclePlace(powers, SENSORS, LAW).surface(x, y).best,
         )
-        for name, one in zip(off, found, strict=True):
-            off[name].append(float(np.hypot(*(one - place))))
+        for name, one in zip(off, estimates, strict=True):
+            off[name].append(float(np.hypot(*(one - position))))
     print(f"places: 6 sensors, K = 200, {trials} places: median and rms error (known median) [m]")
     for name, errors in off.items():
         rms = np.sqrt(np.mean(np.square(errors)))
@@ -150,8 +150,8 @@ def ties() -> None:
     """Print how many nodes three sensors cannot tell apart."""
     sensors = np.array([(0.0, 0.0), (20.0, 0.0), (10.0, 20.0)])
     nodes = likelihood.lattice((-20, -20), (40, 40), 0.5)
-    place = np.array([14.0, 8.0])
-    r = ranges(place, sensors)
+    position = np.array([14.0, 8.0])
+    r = ranges(position, sensors)
     theta = 1.5 * np.log(r[1:] / r[0])
     printed = printed_17(nodes, sensors, np.exp(theta))
     corrected = likelihood.correlation(nodes, sensors, theta)
@@ -213,12 +213,12 @@ def courses(passes: int, rng: np.random.Generator) -> bool:
         doubtful += any(lost < 2 for _, lost in fit.rivals)
         speeds.append(abs(fit.course.speed_mps - float(np.hypot(*vehicle.velocity))))
         fixes, _ = cycle_places(observed, axis, axis)
-        known = np.isfinite(fixes[:, 0])
-        found = [fit.course] + [
-            lines.through(vehicle.times_s[known], fixes[known], loss)
+        valid = np.isfinite(fixes[:, 0])
+        estimates = [fit.course] + [
+            lines.through(vehicle.times_s[valid], fixes[valid], loss)
             for loss in ("squares", "huber", "tukey")
         ]
-        for errors, course in zip(off, found, strict=True):
+        for errors, course in zip(off, estimates, strict=True):
             errors.append(vehicle.off_m(course))
     print(f"courses: {passes} passes over 2 antennas of 3: error across, median / 90 % [m]")
     for name, errors in zip(names, off, strict=True):
@@ -247,8 +247,8 @@ def curves(paths: int, rng: np.random.Generator) -> None:
         guess = track_places(times, *cycle_places(observed, axis, axis))
         fit = fit_course(observed, Search.about(ANTENNAS))
         assert fit is not None
-        found = track(observed, guess).places, guess.places, fit.course.at(times)
-        for errors, path in zip(off.values(), found, strict=True):
+        estimates = track(observed, guess).places, guess.places, fit.course.at(times)
+        for errors, path in zip(off.values(), estimates, strict=True):
             errors.append(float(np.median(np.linalg.norm(path - truth, axis=1))))
     print(f"curves: {paths} arcs, cycles of 0.5 s: median error, median over paths [m]")
     print("  " + ", ".join(f"{name} {np.median(errors):.1f}" for name, errors in off.items()))
@@ -264,7 +264,7 @@ def roads(pairs: int, rng: np.random.Generator) -> None:
     """Print how many of two vehicles, that meet or overtake, are found by three stations."""
     along, offsets = (0.0, 60.0, 150.0), (5.0, 6.0, 4.0)
     times = np.arange(0, 80, 0.5) + 0.25
-    found, off, ghosts = 0, [], 0
+    detected, off, ghosts = 0, [], 0
     for _ in range(pairs):
         velocity = rng.uniform(4, 20, 2) * rng.choice([-1, 1], 2)
         moment = 40 + rng.uniform(-6, 6, 2)
@@ -290,11 +290,11 @@ def roads(pairs: int, rng: np.random.Generator) -> None:
             if near:
                 best = min(near, key=lambda p: late_by(p, first))
                 left.remove(best)
-                found += 1
+                detected += 1
                 off.append(abs(best.speed_mps / abs(v) - 1))
         ghosts += len(left)
     print(
-        f"roads: {pairs} pairs of vehicles within 12 s, 3 stations over 150 m: {found} of "
+        f"roads: {pairs} pairs of vehicles within 12 s, 3 stations over 150 m: {detected} of "
         f"{2 * pairs} found, {ghosts} others, speed off by {np.median(off):.1%} in the median, "
         f"{np.quantile(off, 0.9):.1%} at 90 %"
     )

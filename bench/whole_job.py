@@ -102,19 +102,19 @@ def parts_of(path: Path) -> PartTimes:
         replay(parts.read(Source(recording)), pipeline, list(sinks.values()))
         for sink in sinks.values():
             sink.close()
-    whole = time.process_time() - began
-    parts["passing on, and set-up"] = whole - parts.total()
-    parts["whole"] = whole
+    total_s = time.process_time() - began
+    parts["passing on, and set-up"] = total_s - parts.total()
+    parts["whole"] = total_s
     return parts
 
 
 def print_parts(path: Path, seconds: float, runs: int) -> None:
     """The least CPU time of each part."""
     parts_of(path)
-    found = [parts_of(path) for _ in range(runs)]
+    timings = [parts_of(path) for _ in range(runs)]
     print(f"{'one core, least CPU time':28}{'ms per s':>9}")
-    for part in found[0]:
-        print(f"{part:28}{1e3 * min(each[part] for each in found) / seconds:9.2f}")
+    for part in timings[0]:
+        print(f"{part:28}{1e3 * min(each[part] for each in timings) / seconds:9.2f}")
 
 
 def clocked_s(command: Sequence[str | Path]) -> float:

@@ -243,9 +243,13 @@ def cells() -> list[Cell]:
 def replayed(cell: Cell, take: Take, path: Path, settings: Sequence[str] = ()) -> Evidence:
     """Write a recording, replay it, and return what a results file would hold."""
     take.write(path)
-    own = {"": ONSETS, "line-arrivals": ARRIVALS}.get(cell.pipeline)
-    known = load_pipeline(cell.pipeline) if own is None else parse_pipeline(own, "own")
-    config = with_settings(known, [*cell.settings, *settings])
+    pipeline_text = {"": ONSETS, "line-arrivals": ARRIVALS}.get(cell.pipeline)
+    pipeline = (
+        load_pipeline(cell.pipeline)
+        if pipeline_text is None
+        else parse_pipeline(pipeline_text, "own")
+    )
+    config = with_settings(pipeline, [*cell.settings, *settings])
     with Recording.open(path) as recording:
         chain = build_pipeline(config, recording.geometry, recording.labels)
         sink = EventList()
@@ -274,8 +278,8 @@ def clean_of(cell: Cell, take: Take, path: Path) -> Clean:
             evidence = replace(evidence, labels=tuple(sorted(take.labels)))
     matching = StepReasons(evidence, TOLERANCE_S).matching
     pairs = matching.pairs
-    truth, found = matching.truth_ns[pairs[:, 0]], matching.found_ns[pairs[:, 1]]
-    return Clean(take, dict(zip(truth.tolist(), found.tolist(), strict=True)), evidence)
+    truth, detected = matching.truth_ns[pairs[:, 0]], matching.found_ns[pairs[:, 1]]
+    return Clean(take, dict(zip(truth.tolist(), detected.tolist(), strict=True)), evidence)
 
 
 def named_step(evidence: Evidence, planted: Planted) -> tuple[str, str]:
@@ -310,13 +314,13 @@ def named_place(
     evidence: Evidence, planted: Planted, stage: str, *, of_sensor: bool
 ) -> tuple[str, str]:
     """Return the cause named of a sensor, or of the place of a step."""
-    found = PlaceExplainer(evidence, 1.0, stage).account()
-    if of_sensor and found.sensors:
-        return _of_sensors(found, planted.channel)
+    account = PlaceExplainer(evidence, 1.0, stage).account()
+    if of_sensor and account.sensors:
+        return _of_sensors(account, planted.channel)
     at_s = (planted.time_ns - evidence.start_ns) / 1e9
-    near = [fix for fix in found.bad if abs(fix.time_s - at_s) < 0.1]
+    near = [fix for fix in account.bad if abs(fix.time_s - at_s) < 0.1]
     if of_sensor:
-        causes = Counter(_cause(fix)[0] for fix in found.bad)
+        causes = Counter(_cause(fix)[0] for fix in account.bad)
         return (causes.most_common(1)[0][0], "no sensor is named") if causes else ("right", "")
     if not near:
         return "right", ""
@@ -331,16 +335,16 @@ def _cause(fix: FixAccount) -> tuple[str, str, str]:
     return ("none", "", "") if cause is None else (cause.cause, cause.text, cause.channel)
 
 
-def _of_sensors(found: PlaceAccount, channel: str) -> tuple[str, str]:
+def _of_sensors(account: PlaceAccount, channel: str) -> tuple[str, str]:
     """Return what is named of a sensor; what is wrongly named of another goes before."""
-    own = [s for s in found.sensors if s.channel == channel]
-    text = "; ".join(f"{s.channel} {s.cause}: {s.text}" for s in found.sensors)
-    if not own:
+    of_channel = [s for s in account.sensors if s.channel == channel]
+    text = "; ".join(f"{s.channel} {s.cause}: {s.text}" for s in account.sensors)
+    if not of_channel:
         return "another sensor", text
-    swapped = "swapped" in own[0].text
-    if len(found.sensors) > 1 + swapped:
+    swapped = "swapped" in of_channel[0].text
+    if len(account.sensors) > 1 + swapped:
         return "several sensors", text
-    return "swapped" if swapped else own[0].cause, text
+    return "swapped" if swapped else of_channel[0].cause, text
 
 
 def named(cell: Cell, evidence: Evidence, planted: Planted) -> tuple[str, str]:
@@ -357,10 +361,10 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
     """Return what is named, or None where the plant is not what hides the step."""
     expected = planted.expected or cell.cause
     evidence = replayed(cell, planted.take, path, planted.settings)
-    found = named(cell, evidence, planted)
+    verdict = named(cell, evidence, planted)
     if expected == "right":
-        return found
-    if found[0] == "right" or not _right_without(cell, clean, planted, path):
+        return verdict
+    if verdict[0] == "right" or not _right_without(cell, clean, planted, path):
         return None
     if not _acts(evidence, planted):
         return None
@@ -369,7 +373,7 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
             again = replayed(cell, planted.take, path, [*planted.settings, *settings])
             if _is_found(cell, again, planted) != wanted:
                 return None
-    return found
+    return verdict
 
 
 def _state(evidence: Evidence, planted: Planted) -> str:
@@ -456,8 +460,8 @@ def _right_without(cell: Cell, clean: Clean, planted: Planted, path: Path) -> bo
 
 def _is_clean(clean: Clean) -> bool:
     """Whether all places and all picks of a recording are right, and no sensor is blamed."""
-    found = PlaceExplainer(clean.evidence, 1.0, "power-law").account()
-    return not (found.bad or found.sensors or pick_account(clean.evidence).bad)
+    account = PlaceExplainer(clean.evidence, 1.0, "power-law").account()
+    return not (account.bad or account.sensors or pick_account(clean.evidence).bad)
 
 
 def outcome(task: tuple[int, int]) -> Outcome:
@@ -475,9 +479,9 @@ def outcome(task: tuple[int, int]) -> Outcome:
                 continue
             for _ in range(DRAWS):
                 planted = cell.plant(clean, rng)
-                found = None if planted is None else tried(cell, clean, planted, path)
-                if planted is not None and found is not None:
-                    return Outcome(cell, seed, planted.expected or cell.cause, *found, in_vain)
+                verdict = None if planted is None else tried(cell, clean, planted, path)
+                if planted is not None and verdict is not None:
+                    return Outcome(cell, seed, planted.expected or cell.cause, *verdict, in_vain)
                 in_vain += planted is not None
     return Outcome(cell, seed, cell.cause, "", "", in_vain)
 
@@ -485,15 +489,15 @@ def outcome(task: tuple[int, int]) -> Outcome:
 def matrix(outcomes: Sequence[Outcome], *, markdown: bool) -> None:
     """Print causes planted against causes named, question by question."""
     for asked in ("steps", "picks", "fixes"):
-        own = [o for o in outcomes if o.cell.asked == asked and o.named]
-        counts = Counter((o.planted, o.named) for o in own)
-        rows = list(dict.fromkeys(o.planted for o in own))
-        columns = [*rows, *sorted({o.named for o in own} - set(rows))]
+        selected = [o for o in outcomes if o.cell.asked == asked and o.named]
+        counts = Counter((o.planted, o.named) for o in selected)
+        rows = list(dict.fromkeys(o.planted for o in selected))
+        columns = [*rows, *sorted({o.named for o in selected} - set(rows))]
         print(f"\n{asked}: planted (rows) and named (columns)\n")
         cells_ = [["planted", *columns, "right"]]
         for row in rows:
             line = [counts[row, column] for column in columns]
-            planted = [o for o in own if o.planted == row]
+            planted = [o for o in selected if o.planted == row]
             cells_.append([row, *(str(n) if n else "" for n in line), share_of(planted)])
         _table(cells_, markdown=markdown)
 
@@ -521,8 +525,8 @@ def told(half: str, outcomes: Sequence[Outcome], *, markdown: bool) -> float:
     print(f"of those, without timing errors inside the tolerance: {share_of(misses)}")
     scenes = dict.fromkeys(o.cell.scene.partition(",")[0] for o in judged)
     for scene in scenes:
-        own = [o for o in judged if o.cell.scene.partition(",")[0] == scene]
-        print(f"  {scene}: {share_of(own)}")
+        selected = [o for o in judged if o.cell.scene.partition(",")[0] == scene]
+        print(f"  {scene}: {share_of(selected)}")
     print(f"{sum(o.in_vain for o in outcomes)} plants had no effect and were drawn again")
     for o in outcomes:
         if not o.named:

@@ -70,8 +70,8 @@ def recordings(data: Path, folder: str, pattern: str, map_name: str) -> Iterator
     for source in sorted((data / folder).glob(pattern)):
         columns = map_path(map_name) if map_name else source.parent / "map.toml"
         truth = source.parent / "truth.csv"
-        with tempfile.TemporaryDirectory() as place:
-            out = Path(place) / f"{source.parent.name}-{source.stem}.mcap"
+        with tempfile.TemporaryDirectory() as scratch:
+            out = Path(scratch) / f"{source.parent.name}-{source.stem}.mcap"
             given = truth if truth.is_file() else None
             try:
                 import_recording([source], out, map_path=columns, truth=given)
@@ -91,15 +91,17 @@ def violations(reasons: StepReasons) -> list[tuple[int, str]]:
     free = set(matching.found_ns[matching.false].tolist()) - {p.found_ns for p in reasons.pairs}
     amiss = []
     for index in matching.missed.tolist():
-        at, told = truth[index], reasons.at(truth[index])
+        at, reason = truth[index], reasons.at(truth[index])
         gaps = np.diff(truth[max(0, index - 2) : index + 3])
         near = min(0.5 * float(np.median(gaps)), 0.5e9) if len(gaps) else 0.5e9
-        if told.cause != "timing" and any(abs(t - at) <= near for t in free):
+        if reason.cause != "timing" and any(abs(t - at) <= near for t in free):
             amiss.append((index + 1, "an unmatched detection is near"))
-        own = [t for t in candidates if abs(t - at) <= near]
+        near_candidates = [t for t in candidates if abs(t - at) <= near]
         others = truth[:index] + truth[index + 1 :]
-        own = [t for t in own if all(abs(t - o) > abs(t - at) for o in others)]
-        if told.cause in WITHOUT and own:
+        near_candidates = [
+            t for t in near_candidates if all(abs(t - o) > abs(t - at) for o in others)
+        ]
+        if reason.cause in WITHOUT and near_candidates:
             amiss.append((index + 1, "a candidate is near"))
     return amiss
 

@@ -68,14 +68,14 @@ def main() -> None:
         for name, settings in SETTINGS.items():
             results = Path(folder) / f"{name}.mcap"
             replayed(path, results, settings)
-            found = explained(results)
+            explanation = explained(results)
             cases = {
                 "replay": partial(replayed, path, Path(folder) / "again.mcap", settings),
                 "why": partial(explained, results),
             }
             took = interleaved(cases, options.runs)
-            steps = found.counts.tp + found.counts.fn
-            print(f"{name:14}{steps:6}{found.counts.fn:8}{took['replay']:12.2f}", end="")
+            steps = explanation.counts.tp + explanation.counts.fn
+            print(f"{name:14}{steps:6}{explanation.counts.fn:8}{took['replay']:12.2f}", end="")
             print(f"{took['why']:9.2f}{took['why'] / took['replay']:14.2f}", flush=True)
 
 
