@@ -55,25 +55,25 @@ CASES = (
 
 def walk(case: Case, rng: np.random.Generator) -> Array:
     """Return the contacts [s]: the pace wanders, walks are of half to all of the steps."""
-    now_s, found = 5.0, []
+    now_s, bouts_s = 5.0, []
     for _ in range(case.bouts):
         few = case.steps // 2 if case.bouts > 1 else case.steps
         count = int(rng.integers(few, case.steps + 1))
         wander = 0.03 * np.sin(np.arange(count) / 4) * (case.unsteady > 0)
         gaps = STEP_S * (1 + case.unsteady * rng.standard_normal(count) + wander)
-        found.append(now_s + np.cumsum(gaps))
-        now_s = float(found[-1][-1]) + rng.uniform(1, 5)
-    return np.concatenate(found)
+        bouts_s.append(now_s + np.cumsum(gaps))
+        now_s = float(bouts_s[-1][-1]) + rng.uniform(1, 5)
+    return np.concatenate(bouts_s)
 
 
 def seen(
     case: Case, rng: np.random.Generator, contact_s: Array, end_s: float, scatter_s: float
 ) -> Array:
     """Return contacts as a device finds them: some missed, as many invented."""
-    kept = contact_s[rng.random(len(contact_s)) >= case.missed]
-    kept = kept + scatter_s * rng.standard_normal(len(kept))
-    invented = rng.uniform(0, end_s, rng.poisson(case.missed * len(kept)))
-    return np.sort(np.concatenate([kept, invented]))
+    detected_s = contact_s[rng.random(len(contact_s)) >= case.missed]
+    detected_s = detected_s + scatter_s * rng.standard_normal(len(detected_s))
+    invented = rng.uniform(0, end_s, rng.poisson(case.missed * len(detected_s)))
+    return np.sort(np.concatenate([detected_s, invented]))
 
 
 def on_clock(found_s: Array, end_s: float, ahead_s: float, drift_ppm: float) -> AlignmentEvents:
@@ -96,18 +96,18 @@ def main() -> None:
             heard_s = contact_s[margin : len(contact_s) - margin]
             one = seen(case, rng, heard_s, end_s, 0.3 * case.scatter_s)
             other = seen(case, rng, contact_s, end_s, case.scatter_s)
-            found = align(
+            alignment = align(
                 on_clock(one, end_s, 0.0, 0.0), on_clock(other, end_s, AHEAD_S, case.drift_ppm)
             )
-            if found is None or found.ambiguous:
+            if alignment is None or alignment.ambiguous:
                 refused += 1
                 continue
-            error_s = found.clock.ahead_ns / NS_PER_S - AHEAD_S
+            error_s = alignment.clock.ahead_ns / NS_PER_S - AHEAD_S
             wrong += abs(error_s) > 0.1
             right += abs(error_s) <= 0.1
             off_ms = max(off_ms, abs(error_s) * 1e3)
-            if found.best.drift_fitted:
-                off_ppm = max(off_ppm, abs(found.clock.drift_ppm - case.drift_ppm))
+            if alignment.best.drift_fitted:
+                off_ppm = max(off_ppm, abs(alignment.clock.drift_ppm - case.drift_ppm))
         print(
             f"{case.name:24s} right {right:3d}  refused {refused:3d}  wrong {wrong:3d}  "
             f"off by {off_ms:.1f} ms, {off_ppm:.1f} ppm at most"

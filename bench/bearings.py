@@ -38,9 +38,9 @@ def drawn(
     """Return bearings and what they claim, shapes (n, n_stations)."""
     away = places[:, None] - stations
     claimed = sigma_rad * np.exp(rng.normal(0, 0.5, away.shape[:2]))
-    turned = np.arctan2(away[..., 1], away[..., 0]) + claimed * rng.standard_normal(claimed.shape)
-    lost = rng.random(turned.shape) < wild
-    return np.where(lost, rng.uniform(-np.pi, np.pi, turned.shape), turned), claimed
+    azimuths = np.arctan2(away[..., 1], away[..., 0]) + claimed * rng.standard_normal(claimed.shape)
+    lost = rng.random(azimuths.shape) < wild
+    return np.where(lost, rng.uniform(-np.pi, np.pi, azimuths.shape), azimuths), claimed
 
 
 def main() -> None:
@@ -57,12 +57,12 @@ def main() -> None:
         print(f"{layout}, {sigma_deg:g} deg, {wild:.0%} wild")
         for norm, weights in product(NORMS, WEIGHTS):
             off, inside = [], []
-            for place, a, s in zip(places, azimuths, claimed, strict=True):
-                found = intersect(stations, a, s, norm, weights)
-                if found.located:
-                    miss = np.array([found.x, found.y]) - place
+            for position, a, s in zip(places, azimuths, claimed, strict=True):
+                fix = intersect(stations, a, s, norm, weights)
+                if fix.located:
+                    miss = np.array([fix.x, fix.y]) - position
                     off.append(np.hypot(*miss))
-                    inside.append(miss @ np.linalg.solve(found.covariance, miss) <= limits)
+                    inside.append(miss @ np.linalg.solve(fix.covariance, miss) <= limits)
             part = np.mean(inside, axis=0)
             name = f"  {norm}, {'own errors' if weights == 'errors' else 'as printed'}"
             middle, most = np.median(off), np.percentile(off, 95)

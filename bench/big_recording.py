@@ -51,13 +51,13 @@ class Repeated:
 
 def repeated_labels(labels: Sequence[Label], times: int) -> list[Label]:
     """The truth of every repetition."""
-    found = []
+    repeated = []
     for turn in range(times):
         later = turn * PIECE_S * NS_PER_S
         for label in labels:
             end_ns = None if label.end_ns is None else label.end_ns + later
-            found.append(replace(label, time_ns=label.time_ns + later, end_ns=end_ns))
-    return found
+            repeated.append(replace(label, time_ns=label.time_ns + later, end_ns=end_ns))
+    return repeated
 
 
 def write_big(path: Path, minutes: int, channels: int | None = None) -> None:

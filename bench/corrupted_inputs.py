@@ -134,8 +134,8 @@ def told(of: Tape, *, channels: bool = True) -> Told:
         quantity = {c.name: c.quantity for c in watch.stream.channels}
         kinds |= {(f.kind, quantity.get(f.channel, "")) for f in watch.findings()}
     kinds |= {(f.kind, f.channel) for f in worn.findings(remarks)}
-    found = [contradiction(s.judges()) for s in worn.sensors]
-    matrices = [(c.fits.quantity, c.fits.matrix) for c in found if c is not None]
+    contradictions = [contradiction(s.judges()) for s in worn.sensors]
+    matrices = [(c.fits.quantity, c.fits.matrix) for c in contradictions if c is not None]
     return Told(kinds, remarks, gaps, matrices)
 
 
@@ -196,7 +196,7 @@ def held(quantity: str, from_part: float, value: float | None) -> Callable[[Tape
     def make(of: Tape, _: object) -> Tape:
         start_ns, end_ns = of.span_ns
         from_ns = start_ns + round(from_part * (end_ns - start_ns))
-        kept: dict[int, float] = {}
+        first_values: dict[int, float] = {}
 
         def change(block: SignalBlock) -> SignalBlock:
             samples = block.samples.copy()
@@ -204,7 +204,7 @@ def held(quantity: str, from_part: float, value: float | None) -> Callable[[Tape
             for c in block.stream.columns_of({quantity}):
                 if block.stream.channels[c].axis == "x" and late.any():
                     first = float(samples[np.argmax(late), c])
-                    samples[late, c] = kept.setdefault(c, first) if value is None else value
+                    samples[late, c] = first_values.setdefault(c, first) if value is None else value
             return replace(block, samples=samples)
 
         return of.changed(change)
@@ -342,8 +342,8 @@ class Spec:
             return in_si(streams, sorted(stamped, key=lambda x: x[0]))
         if self.path.suffix == ".mcap":
             return tape(self.path)
-        with tempfile.TemporaryDirectory() as place:
-            file, columns = Path(place) / "rec.mcap", Path(place) / "map.toml"
+        with tempfile.TemporaryDirectory() as folder:
+            file, columns = Path(folder) / "rec.mcap", Path(folder) / "map.toml"
             if self.group == SHORT:  # the field's unit is unknown
                 text = (self.path.parent / "map.toml").read_text()
                 columns.write_text(text.replace("a.u.", "count"))
@@ -375,23 +375,23 @@ def recordings(folder: Path) -> Iterator[Spec]:
         yield Spec("simulated", f"epfl {seed}", None, seed=seed)
 
 
-def is_told(case: Case, found: Told) -> bool:
+def is_told(case: Case, reported: Told) -> bool:
     """Return whether what was made wrong was told as what it is."""
     if case.group == "time":
-        return sum(found.gaps.values()) > 0
-    if any(kind in case.kinds and of == case.needs for kind, of in found.kinds):
+        return sum(reported.gaps.values()) > 0
+    if any(kind in case.kinds and of == case.needs for kind, of in reported.kinds):
         return True
-    if "unit" in case.kinds and any(f": {case.needs} in " in line for line in found.units):
+    if "unit" in case.kinds and any(f": {case.needs} in " in line for line in reported.units):
         return True
-    return "axes" in case.kinds and any(kind == "axes" for kind, _ in found.kinds)
+    return "axes" in case.kinds and any(kind == "axes" for kind, _ in reported.kinds)
 
 
-def is_named(case: Case, found: Told) -> bool:
+def is_named(case: Case, reported: Told) -> bool:
     """Return whether the map that undoes it was named; a sign of a whole vector is not told."""
     if case.undo is None:
         return False
     quantity, matrix = case.undo
-    return any(q == quantity and (np.abs(m - matrix) < 0.5).all() for q, m in found.matrices)
+    return any(q == quantity and (np.abs(m - matrix) < 0.5).all() for q, m in reported.matrices)
 
 
 @dataclass
@@ -407,15 +407,15 @@ class Judged:
 def judged(spec: Spec) -> Judged:
     """Read a recording as it is, and with each thing made wrong."""
     of = spec.read()
-    found = told(of)
-    bad = sorted({k for k, _ in found.kinds} & CONTRADICTIONS) + found.units
+    untouched = told(of)
+    bad = sorted({k for k, _ in untouched.kinds} & CONTRADICTIONS) + untouched.units
     done = {}
-    for place, case in enumerate(cases()):
+    for seed, case in enumerate(cases()):
         if of.has(case.needs) and (spec.group != SHORT or spec.name.endswith("-1")):
-            changed = case.change(of, np.random.default_rng(place))
+            changed = case.change(of, np.random.default_rng(seed))
             wrong = told(changed, channels=case.group in ("limits", "dead"))
             done[case.name] = is_told(case, wrong), is_named(case, wrong), sorted(wrong.kinds)
-    return Judged(spec, bad, sorted({q for k, q in found.kinds if k == "clipped"}), done)
+    return Judged(spec, bad, sorted({q for k, q in untouched.kinds if k == "clipped"}), done)
 
 
 def worn_sensors(folder: Path, jobs: int, *, each: bool) -> bool:
@@ -423,21 +423,23 @@ def worn_sensors(folder: Path, jobs: int, *, each: bool) -> bool:
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     clean: dict[str, Counter[str]] = defaultdict(Counter)
     with ProcessPoolExecutor(jobs) as pool:
-        for found in pool.map(judged, list(recordings(folder))):
-            group = found.spec.group
+        for verdict in pool.map(judged, list(recordings(folder))):
+            group = verdict.spec.group
             clean[group]["all"] += 1
-            clean[group]["contradicted"] += bool(found.contradicted)
-            clean[group]["clipped"] += bool(found.clipped)
-            if each or found.contradicted:
-                said = f"{found.contradicted or 'nothing'}; clipped: {found.clipped or 'nothing'}"
-                print(f"  untouched {group} {found.spec.name}: {said}", flush=True)
+            clean[group]["contradicted"] += bool(verdict.contradicted)
+            clean[group]["clipped"] += bool(verdict.clipped)
+            if each or verdict.contradicted:
+                summary = (
+                    f"{verdict.contradicted or 'nothing'}; clipped: {verdict.clipped or 'nothing'}"
+                )
+                print(f"  untouched {group} {verdict.spec.name}: {summary}", flush=True)
             where = "chosen" if group in CHOSEN else "short" if group == SHORT else "other"
-            for name, (is_known, is_right, kinds) in found.cases.items():
+            for name, (is_known, is_right, kinds) in verdict.cases.items():
                 counts[name][where] += 1
                 counts[name][f"{where} told"] += is_known
                 counts[name][f"{where} named"] += is_right
                 if each and not is_known:
-                    print(f"  not told: {group} {found.spec.name}: {name}: {kinds}")
+                    print(f"  not told: {group} {verdict.spec.name}: {name}: {kinds}")
     print("untouched: recordings, of them said to contradict themselves, clipped")
     for group, row in clean.items():
         print(f"  {group:20} {row['all']:4} {row['contradicted']:4} {row['clipped']:4}")

@@ -19,13 +19,13 @@ from mcap_files import opened, read, rows_of
 
 def package_rows(data: bytes) -> tuple[list[tuple[int, int, int, int, bytes]], str]:
     """Return what the mcap package reads by default before it stops, and the error it stops at."""
-    found = []
+    rows = []
     try:
         for _, _, m in make_reader(io.BytesIO(data)).iter_messages():
-            found.append((m.channel_id, m.sequence, m.log_time, m.publish_time, m.data))
+            rows.append((m.channel_id, m.sequence, m.log_time, m.publish_time, m.data))
     except Exception as error:
-        return found, type(error).__name__
-    return found, ""
+        return rows, type(error).__name__
+    return rows, ""
 
 
 def row(broken: bytes, sound: bytes) -> tuple[str, ...]:
@@ -33,13 +33,13 @@ def row(broken: bytes, sound: bytes) -> tuple[str, ...]:
     original = Counter(rows_of(sound))
     with opened(broken) as file:
         ours = read(file)
-        told = sum(d.messages or 0 for d in file.damage)
+        lost_messages = sum(d.messages or 0 for d in file.damage)
         more = " and a place" if any(d.messages is None for d in file.damage) else ""
     theirs, error = package_rows(broken)
     cells = (
         len(ours),
         (Counter(ours) - original).total(),
-        f"{told}{more}",
+        f"{lost_messages}{more}",
         f"{len(theirs)}, {error}" if error else len(theirs),
         (Counter(theirs) - original).total(),
     )
@@ -53,11 +53,11 @@ def main() -> None:
         rows.setdefault(kind, []).append(row(broken, sound))
     print("| damage | files | read | wrong | told as lost | `mcap` package: read | wrong |")
     print("|---|---|---|---|---|---|---|")
-    for kind, found in rows.items():
-        cells = [" / ".join(dict.fromkeys(column)) for column in zip(*found, strict=True)]
-        print(f"| {kind} | {len(found)} | {' | '.join(cells)} |")
+    for kind, kind_rows in rows.items():
+        cells = [" / ".join(dict.fromkeys(column)) for column in zip(*kind_rows, strict=True)]
+        print(f"| {kind} | {len(kind_rows)} | {' | '.join(cells)} |")
     files = sum(map(len, rows.values()))
-    wrong = sum(int(cells[1]) for found in rows.values() for cells in found)
+    wrong = sum(int(cells[1]) for kind_rows in rows.values() for cells in kind_rows)
     print(f"\n{files} files of 3600 messages each, {wrong} wrong messages")
 
 

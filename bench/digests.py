@@ -168,10 +168,10 @@ def run(*arguments: object) -> str:
 
 def document(*arguments: object) -> str:
     """Run a command with ``--json``; return its document in one way of writing."""
-    said = run(*arguments, "--json")
-    if said.startswith("exit "):
-        return said
-    return json.dumps(_steady(json.loads(said)), indent=1, sort_keys=True)
+    output = run(*arguments, "--json")
+    if output.startswith("exit "):
+        return output
+    return json.dumps(_steady(json.loads(output)), indent=1, sort_keys=True)
 
 
 def _steady(part: Any) -> Any:
@@ -210,9 +210,9 @@ def recording_of(case: Case, data: Path) -> Path | None:
     if not sources or sources[0].suffix == ".mcap":
         return sources[0] if sources else None
     given = (word.format(data) for word in case.imported)
-    said = run("import", *sources, "--out", path, "--quiet", *given)
-    if said.startswith("exit "):
-        raise SystemExit(f"{case.name}: {said}")
+    output = run("import", *sources, "--out", path, "--quiet", *given)
+    if output.startswith("exit "):
+        raise SystemExit(f"{case.name}: {output}")
     return path
 
 
@@ -224,20 +224,20 @@ def texts(case: Case, recording: Path) -> Iterator[tuple[str, str]]:
         results = [Path(f"{case.name}.{pipeline}{k}.results.mcap") for k in range(len(settings))]
         for path, setting in zip(results, settings, strict=True):
             chosen = ("--set", setting) if setting else ()
-            said = run(
+            output = run(
                 *("replay", recording, "--pipeline", pipeline, "--out", path),
                 *("--no-viewer", "--quiet", "--force", *chosen),
             )
             if not path.exists():
-                yield f"{pipeline}/replay {setting}", said
+                yield f"{pipeline}/replay {setting}", output
                 continue
             yield f"{pipeline}/events {setting}".strip(), events(path)
         first = results[0]
         yield f"{pipeline}/score", document("score", first)
         for kind in KINDS.get(pipeline, ("",)):
             chosen = ("--kind", kind) if kind else ()
-            found = document("why", first, "--recording", recording, *chosen)
-            yield f"{pipeline}/why {kind}".strip(), found
+            explanation = document("why", first, "--recording", recording, *chosen)
+            yield f"{pipeline}/why {kind}".strip(), explanation
         if case.grid and pipeline == case.pipelines[0]:
             yield f"{pipeline}/sweep", document("sweep", first, "--grid", case.grid, "--jobs", 1)
         if len(results) > 1 and results[1].exists():
@@ -245,17 +245,17 @@ def texts(case: Case, recording: Path) -> Iterator[tuple[str, str]]:
         settings = [""]
 
 
-def digests(data: Path, kept: Path | None, only: list[str]) -> dict[str, str]:
+def digests(data: Path, texts_folder: Path | None, only: list[str]) -> dict[str, str]:
     """Return the digest of every entry, by its name; what is digested may be kept."""
-    found: dict[str, str] = {}
+    entry_digests: dict[str, str] = {}
     for case in CASES:
         recording = recording_of(case, data) if not only or case.name in only else None
         for name, text in texts(case, recording) if recording is not None else ():
             entry = f"{case.name}/{name}"
-            found[entry] = hashlib.sha256(text.encode()).hexdigest()
-            if kept is not None:
-                (kept / f"{entry.replace('/', '.')}.txt").write_text(text, "utf-8")
-    return found
+            entry_digests[entry] = hashlib.sha256(text.encode()).hexdigest()
+            if texts_folder is not None:
+                (texts_folder / f"{entry.replace('/', '.')}.txt").write_text(text, "utf-8")
+    return entry_digests
 
 
 def main() -> None:
@@ -270,19 +270,21 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path(default))
     options = parser.parse_args()
     data, target = options.data.resolve(), (options.write or options.check).resolve()
-    kept = None if options.texts is None else options.texts.resolve()
-    if kept is not None:
-        kept.mkdir(parents=True, exist_ok=True)
+    texts_folder = None if options.texts is None else options.texts.resolve()
+    if texts_folder is not None:
+        texts_folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        found = digests(data, kept, options.only)
+        entry_digests = digests(data, texts_folder, options.only)
     if options.write:
-        target.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
-        print(f"{len(found)} digests")
+        target.write_text(json.dumps(entry_digests, indent=1) + "\n", "utf-8")
+        print(f"{len(entry_digests)} digests")
         return
     expected = json.loads(target.read_text("utf-8"))
     wanted = [n for n in expected if not options.only or n.partition("/")[0] in options.only]
     differing = [
-        name for name in {**dict.fromkeys(wanted), **found} if found.get(name) != expected.get(name)
+        name
+        for name in {**dict.fromkeys(wanted), **entry_digests}
+        if entry_digests.get(name) != expected.get(name)
     ]
     print(*differing, f"{len(differing)} of {len(wanted)} digests differ", sep="\n")
     sys.exit(bool(differing))

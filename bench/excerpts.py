@@ -55,8 +55,8 @@ def make(name: str, described: dict[str, Any], data: Path, folder: Path) -> Path
     """
     sources = {data / file: sha256 for file, sha256 in described["sources"].items()}
     for source, sha256 in sources.items():
-        if (found := file_sha256(source)) != sha256:
-            raise SystemExit(f"{source}: expected SHA-256 {sha256}, found {found}")
+        if (actual_sha256 := file_sha256(source)) != sha256:
+            raise SystemExit(f"{source}: expected SHA-256 {sha256}, found {actual_sha256}")
     target = folder.resolve() / f"{name}.mcap"
     with tempfile.TemporaryDirectory() as made, inside(Path(made)):
         for source in sources:

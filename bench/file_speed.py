@@ -93,14 +93,14 @@ main(sys.argv[1:-1])
 
 def ran(*arguments: str | Path) -> tuple[float, float]:
     """Run a command; return its CPU time [s] and peak memory [MB]."""
-    with tempfile.NamedTemporaryFile("r") as told:
-        command = [sys.executable, "-c", CODE, *map(str, arguments), told.name]
+    with tempfile.NamedTemporaryFile("r") as status_file:
+        command = [sys.executable, "-c", CODE, *map(str, arguments), status_file.name]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as child:
             _, status, used = os.wait4(child.pid, 0)
             child.returncode = os.waitstatus_to_exitcode(status)
         if child.returncode:
             sys.exit(f"{' '.join(map(str, arguments))}: ended with {child.returncode}")
-        peak = next(line for line in told if line.startswith("VmHWM"))
+        peak = next(line for line in status_file if line.startswith("VmHWM"))
     return used.ru_utime + used.ru_stime, int(peak.split()[1]) / 1024
 
 
@@ -120,9 +120,9 @@ def print_speeds(folder: Path, simulation: Simulation, runs: int) -> None:
         ),
     }
     took = list(interleaved(cases, runs).items())
-    for (_, peer), (name, own) in zip(took[::2], took[1::2], strict=True):
-        rate = 2 * samples.size / 1e6 / own
-        print(f"{name:20}{rate:6.0f} MB/s, in {own / peer:.1f} times the time of its peer")
+    for (_, peer), (name, ours) in zip(took[::2], took[1::2], strict=True):
+        rate = 2 * samples.size / 1e6 / ours
+        print(f"{name:20}{rate:6.0f} MB/s, in {ours / peer:.1f} times the time of its peer")
 
 
 def print_lengths(folder: Path, simulation: Simulation, minutes: Sequence[int]) -> None:

@@ -91,24 +91,26 @@ def errors_of(path: Path, settings: tuple[str, ...] = ()) -> Errors:
         notes = [
             e for e in sink.events if isinstance(e, Note) and "the trigger comes at least" in e.text
         ]
-        found = [_of_label(x, picks, runs) for x in recording.labels if x.kind == "pick"]
-        told = _told(recording.labels, notes)
-    error, sigma, others = zip(*found, strict=True)
+        comparisons = [_of_label(x, picks, runs) for x in recording.labels if x.kind == "pick"]
+        trigger_delays = _told(recording.labels, notes)
+    error, sigma, others = zip(*comparisons, strict=True)
     names = others[0]
     return Errors(
         np.array(error),
         np.array(sigma),
         {name: np.array([o[name] for o in others]) for name in names},
-        told,
+        trigger_delays,
     )
 
 
 def _told(labels: tuple[Label, ...], notes: list[Note]) -> tuple[tuple[float, float], ...]:
     shots = {x.label: x.time_ns for x in labels if x.kind == "impact"}
-    said = {n.time_ns: float(n.text.split("at least ")[1].split(" ms")[0]) / 1e3 for n in notes}
+    claimed_s = {
+        n.time_ns: float(n.text.split("at least ")[1].split(" ms")[0]) / 1e3 for n in notes
+    }
     triggers = [x for x in labels if x.kind == "trigger"]
     return tuple(
-        (said.get(x.time_ns, 0.0), (x.time_ns - shots[x.label]) / NS_PER_S) for x in triggers
+        (claimed_s.get(x.time_ns, 0.0), (x.time_ns - shots[x.label]) / NS_PER_S) for x in triggers
     )
 
 
@@ -128,12 +130,15 @@ def _of_label(
         if b.start_ns <= label.time_ns <= b.end_ns
         and label.channel in [c.name for c in b.stream.channels]
     )
-    own = [
+    channel_picks = [
         p for p in picks if p.channel == label.channel and run.start_ns <= p.time_ns <= run.end_ns
     ]
     error, sigma = 1.0, float("nan")
-    if own:
-        error, sigma = (own[0].time_ns - label.time_ns) / NS_PER_S, own[0].uncertainty_s
+    if channel_picks:
+        error, sigma = (
+            (channel_picks[0].time_ns - label.time_ns) / NS_PER_S,
+            channel_picks[0].uncertainty_s,
+        )
     column = [c.name for c in run.stream.channels].index(label.channel)
     at_s = (label.time_ns - run.start_ns) / NS_PER_S
     onsets = rivals(run.values[:, column], run.stream.rate_hz)
@@ -145,10 +150,10 @@ def line(name: str, folder: Path, data: Path) -> Path:
     from groundtrace.cli.main import main as command
 
     out = folder / f"{name}.mcap"
-    own = data / "refrapy-seg2" / name
-    truth = own / "picks" / f"{name}.sgt"
+    line_folder = data / "refrapy-seg2" / name
+    truth = line_folder / "picks" / f"{name}.sgt"
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-        command(["import", str(own / "data"), "-o", str(out), "--truth", str(truth)])
+        command(["import", str(line_folder / "data"), "-o", str(out), "--truth", str(truth)])
     return out
 
 
@@ -159,9 +164,9 @@ def simulated(seed: int, folder: Path) -> Errors | None:
     if not any(x.kind == "pick" for x in simulation.labels):
         return None
     write(simulation, out, force=True)
-    found = errors_of(out)
+    errors = errors_of(out)
     out.unlink()
-    return found
+    return errors
 
 
 def row(name: str, error_s: np.ndarray, sigma_s: np.ndarray | None = None) -> str:
@@ -171,18 +176,18 @@ def row(name: str, error_s: np.ndarray, sigma_s: np.ndarray | None = None) -> st
     text = f"{name:28} {len(ms):6} {median:7.2f} {most:8.1f} {np.sum(ms < -20):6}"
     if sigma_s is None:
         return text
-    found = np.isfinite(sigma_s)
-    z = np.abs(error_s[found] / sigma_s[found])
+    picked = np.isfinite(sigma_s)
+    z = np.abs(error_s[picked] / sigma_s[picked])
     inside = f"{np.mean(z < 1):7.0%} {np.mean(z < 1.645):6.0%}"
-    return f"{text} {np.sum(~found):7} {inside} {np.median(sigma_s[found]) * 1e3:8.2f}"
+    return f"{text} {np.sum(~picked):7} {inside} {np.median(sigma_s[picked]) * 1e3:8.2f}"
 
 
-def show(name: str, found: Errors) -> None:
+def show(name: str, errors: Errors) -> None:
     """Print a line of the table, and one for each rival."""
-    print(row(name, found.error_s, found.sigma_s), flush=True)
-    sure = found.sigma_s < 0.005
-    print(row("  claimed within 5 ms", found.error_s[sure], found.sigma_s[sure]))
-    for rival, error in found.rivals.items():
+    print(row(name, errors.error_s, errors.sigma_s), flush=True)
+    sure = errors.sigma_s < 0.005
+    print(row("  claimed within 5 ms", errors.error_s[sure], errors.sigma_s[sure]))
+    for rival, error in errors.rivals.items():
         print(row(f"  {rival}", error), flush=True)
 
 
@@ -208,16 +213,16 @@ def crossed(paths: dict[str, Path]) -> None:
         tried[key] = {name: errors_of(path, setting) for name, path in paths.items()}
     for chosen_on in paths:
         best = min(tried, key=lambda key: _worth(tried[key][chosen_on]))
-        own = tried[best][chosen_on]
-        wide = float(np.nanquantile(np.abs(own.error_s / own.sigma_s), 0.68))
+        best_errors = tried[best][chosen_on]
+        wide = float(np.nanquantile(np.abs(best_errors.error_s / best_errors.sigma_s), 0.68))
         print(f"chosen on {chosen_on}: {best}, claims times {wide:.2f}")
-        for name, found in tried[best].items():
-            print(row(f"  {name}", found.error_s, found.sigma_s * wide))
+        for name, errors in tried[best].items():
+            print(row(f"  {name}", errors.error_s, errors.sigma_s * wide))
 
 
-def _worth(found: Errors) -> float:
+def _worth(errors: Errors) -> float:
     """Return what is made least: the median and a tenth of what 95 % are within [ms]."""
-    ms = np.abs(found.error_s) * 1e3
+    ms = np.abs(errors.error_s) * 1e3
     return float(np.median(ms) + 0.1 * np.percentile(ms, 95))
 
 
@@ -243,13 +248,16 @@ def main() -> None:
         if parts:
             every = Errors.joined(parts)
             show(f"{len(parts)} simulated lines", every)
-            said, late = np.array(every.told).T
-            told, wrong = late[said > 0] > 0, said > late + 1e-6
-            print(f"triggers: {np.sum(late > 0)} of {len(late)} late, {told.sum()} of them told")
+            claimed_s, late = np.array(every.told).T
+            confirmed, wrong = late[claimed_s > 0] > 0, claimed_s > late + 1e-6
             print(
-                f"told and not late: {(~told).sum()}; said to be later than they are: {wrong.sum()}"
+                f"triggers: {np.sum(late > 0)} of {len(late)} late, {confirmed.sum()} of them told"
             )
-            print(f"by {1e3 * np.max(said - late):.1f} ms at most")
+            print(
+                f"told and not late: {(~confirmed).sum()}; "
+                f"said to be later than they are: {wrong.sum()}"
+            )
+            print(f"by {1e3 * np.max(claimed_s - late):.1f} ms at most")
 
 
 if __name__ == "__main__":

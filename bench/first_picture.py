@@ -141,8 +141,8 @@ def main() -> None:
     asked = parser.parse_args()
     with contextlib.ExitStack() as stack:
         folder = asked.folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        whole, short = folder / "whole.mcap", folder / "short.mcap"
-        for path, seconds in ((whole, 60 * asked.minutes), (short, 5.0)):
+        long, short = folder / "whole.mcap", folder / "short.mcap"
+        for path, seconds in ((long, 60 * asked.minutes), (short, 5.0)):
             if not path.exists():
                 options = ("--channels", "16", "--rate-hz", "20000", "--seed", "8")
                 quietly("simulate", "room", "-o", str(path), "--duration-s", str(seconds), *options)
@@ -153,8 +153,8 @@ def main() -> None:
         pages: dict[str, tuple[Path, Callable[[], AbstractContextManager[str]]]] = {
             "5 s, 16 x 20 kHz": (short.with_suffix(".rrd"), lambda: annotated(short)),
             f"{asked.minutes:g} min, 16 x 20 kHz": (
-                whole.with_suffix(".rrd"),
-                lambda: annotated(whole),
+                long.with_suffix(".rrd"),
+                lambda: annotated(long),
             ),
             "one curve": (folder / "bare.rrd", lambda: served(folder / "bare.rrd", NOTHING.json())),
         }
@@ -166,8 +166,8 @@ def main() -> None:
                     runs[name].append(opened(browser, url))
         print(f"{'':24}", *(f"{column.split('-')[-1]:>9}" for column in COLUMNS), f"{'MB':>6}")
         for name, (rrd, _) in pages.items():
-            found = [[one.get(column, math.nan) for one in runs[name]] for column in COLUMNS]
-            cells = (f"{statistics.median(column):9.2f}" for column in found)
+            columns = [[one.get(column, math.nan) for one in runs[name]] for column in COLUMNS]
+            cells = (f"{statistics.median(column):9.2f}" for column in columns)
             print(f"{name:24}", *cells, f"{rrd.stat().st_size / 1e6:6.1f}")
         print("load", *(f"{load:.1f}" for load in os.getloadavg()))
 

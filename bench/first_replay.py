@@ -49,8 +49,8 @@ WANTED_S = 12.0
 
 def taken_s(folder: str, cache: str, *words: str) -> tuple[float, float]:
     """Run a command, compiled functions kept in ``cache``; return its time by the clock, of CPU."""
-    kept = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-    environment = {**kept, "NUMBA_CACHE_DIR": str(Path(folder, cache))}
+    inherited = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    environment = {**inherited, "NUMBA_CACHE_DIR": str(Path(folder, cache))}
     before, began = os.times(), time.perf_counter()
     subprocess.run(
         [GROUNDTRACE, *words], cwd=folder, env=environment, check=True, capture_output=True

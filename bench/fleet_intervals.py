@@ -45,9 +45,9 @@ DRAWS = 2000
 def fleet(rng: np.random.Generator, law: str, people: int) -> Pair:
     """Return recall before and after, and whose each recording is; on average nothing changed."""
     of = np.repeat(np.arange(people), rng.integers(1, 11, people))
-    own = OF_PEOPLE * LAWS[law](rng, people)
+    person_changes = OF_PEOPLE * LAWS[law](rng, people)
     before = np.clip(rng.normal(0.8, 0.05, people)[of] + rng.normal(0, 0.02, len(of)), 0, 1)
-    after = before + own[of] + rng.normal(0, OF_RECORDINGS, len(of))
+    after = before + person_changes[of] + rng.normal(0, OF_RECORDINGS, len(of))
     steps = np.full(len(of), float(STEPS))
     return RatioOfSums(before * steps, steps), RatioOfSums(after * steps, steps), of
 
@@ -61,9 +61,9 @@ def by_recording(
     before: RatioOfSums, after: RatioOfSums, _: NDArray[np.intp]
 ) -> tuple[float, float]:
     """Return the interval of the report without groups."""
-    found = interval_of_change(before, after)
-    assert found is not None
-    return found.low, found.high
+    interval = interval_of_change(before, after)
+    assert interval is not None
+    return interval.low, interval.high
 
 
 def _draws(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> tuple[Array, int]:
@@ -117,18 +117,18 @@ def main() -> None:
     print(f"intervals that hold the true change, of {options.runs}; they claim 90 %")
     print(f"{'':48}{'law':14}" + "".join(f"{people:>10}" for people in PEOPLE) + "  people")
     for law in LAWS:
-        held: dict[tuple[str, int], list[bool]] = {(w, n): [] for w in WAYS for n in PEOPLE}
-        wide: dict[tuple[str, int], list[float]] = {key: [] for key in held}
+        coverage: dict[tuple[str, int], list[bool]] = {(w, n): [] for w in WAYS for n in PEOPLE}
+        wide: dict[tuple[str, int], list[float]] = {key: [] for key in coverage}
         for people in PEOPLE:
             rng = np.random.default_rng(people)
             for _ in range(options.runs):
                 before, after, of = fleet(rng, law, people)
                 for way, interval in WAYS.items():
                     low, high = interval(before, after, of)
-                    held[way, people].append(low <= 0 <= high)
+                    coverage[way, people].append(low <= 0 <= high)
                     wide[way, people].append(high - low)
         for way in WAYS:
-            cells = [f"{np.mean(held[way, people]):10.1%}" for people in PEOPLE]
+            cells = [f"{np.mean(coverage[way, people]):10.1%}" for people in PEOPLE]
             print(f"{way:48}{law:14}" + "".join(cells))
         for way in WAYS:
             cells = [f"{np.median(wide[way, people]):10.4f}" for people in PEOPLE]

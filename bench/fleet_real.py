@@ -72,8 +72,8 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     count = 0
-    with tempfile.TemporaryDirectory() as place:
-        phone = Path(place) / "phone.toml"
+    with tempfile.TemporaryDirectory() as folder:
+        phone = Path(folder) / "phone.toml"
         phone.write_text(PHONE)
         for job in jobs(options.data, phone):
             out = options.out / f"{job.name}.mcap"

@@ -47,9 +47,9 @@ def killed_and_resumed(folder: Path, table: Path) -> tuple[dict[str, Any], float
     began, killed = time.perf_counter(), 0
     command = [*COMMAND, str(folder), "-o", str(table), "--workers", "2"]
     # a shell that starts this in the background would leave what it starts deaf to SIGINT
-    heard = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    previous_handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
-        signal.signal(signal.SIGINT, heard)
+        signal.signal(signal.SIGINT, previous_handler)
         half = len(list(folder.glob("*.mcap"))) // 2
         for number in range(1, KILLS + 1):
             wait_for(table.with_suffix(".parts"), number * half // (KILLS + 1), running)
@@ -60,11 +60,14 @@ def killed_and_resumed(folder: Path, table: Path) -> tuple[dict[str, Any], float
         wait_for(table.with_suffix(".parts"), half, running)
         running.send_signal(signal.SIGINT)
         _, errors = running.communicate()
-    kept = len(list(table.with_suffix(".parts").iterdir()))
+    part_count = len(list(table.with_suffix(".parts").iterdir()))
     code = running.returncode
-    said = [f"{killed} workers killed; interrupted: exit code {code}, {kept} parts kept", errors]
+    lines = [
+        f"{killed} workers killed; interrupted: exit code {code}, {part_count} parts kept",
+        errors,
+    ]
     report, _ = fleet(folder, table, "--workers", "2", "--resume")
-    return report, time.perf_counter() - began, said
+    return report, time.perf_counter() - began, lines
 
 
 def wait_for(parts: Path, count: int, running: subprocess.Popen[str]) -> None:
@@ -121,9 +124,9 @@ def main() -> None:
     folder, rows = options.folder, []
     with tempfile.TemporaryDirectory() as work:
         for way in options.ways.split(","):
-            table, said, before = Path(work) / f"{way}.parquet", [], cpu_s()
+            table, lines, before = Path(work) / f"{way}.parquet", [], cpu_s()
             if way == "killed":
-                report, wall_s, said = killed_and_resumed(folder, table)
+                report, wall_s, lines = killed_and_resumed(folder, table)
             elif way == "shards":
                 report, wall_s = sharded(folder, table)
             elif way == "known":
@@ -135,7 +138,7 @@ def main() -> None:
                 workers = way.removeprefix("local")
                 report, wall_s = fleet(folder, table, "--workers", workers)
             rows.append((way, report, wall_s, cpu_s() - before))
-            print("\n".join([f"{way}: {wall_s:.1f} s", *said]), flush=True)
+            print("\n".join([f"{way}: {wall_s:.1f} s", *lines]), flush=True)
     show(rows)
 
 

@@ -99,21 +99,21 @@ def recordings(folder: Path, count: int) -> list[Path]:
 
 
 def _tear(path: Path) -> None:
-    whole = path.with_suffix(".whole")
-    path.rename(whole)
-    convert(whole, path, chunk_bytes=4 << 10)
+    original = path.with_suffix(".whole")
+    path.rename(original)
+    convert(original, path, chunk_bytes=4 << 10)
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 4 // 5])
-    whole.unlink()
+    original.unlink()
 
 
-def with_bomb(whole: bytes, size: int) -> bytes:
+def with_bomb(original: bytes, size: int) -> bytes:
     """Return a recording with a chunk more, of one message of so many zeros; it loses its index."""
 
     def record(opcode: int, content: bytes) -> bytes:
         return struct.pack("<BQ", opcode, len(content)) + content
 
-    summary = struct.unpack_from("<Q", whole, len(whole) - len(MAGIC) - 20)[0]
-    data = whole[: summary - len(record(DATA_END, bytes(4)))]
+    summary = struct.unpack_from("<Q", original, len(original) - len(MAGIC) - 20)[0]
+    data = original[: summary - len(record(DATA_END, bytes(4)))]
     plain = record(MESSAGE, struct.pack("<HIQQ", 1, 0, 5, 5) + bytes(size))
     packed = zstandard.ZstdCompressor().compress(plain)
     head = struct.pack("<QQQII", 5, 5, len(plain), zlib.crc32(plain), 4) + b"zstd"
@@ -203,8 +203,8 @@ def free_port() -> int:
 def process(folder: Path, command: Sequence[str], places: str = "") -> Iterator[int]:
     """Run a process of a cluster in a folder of its own; yield its number."""
     folder.mkdir()
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment = {**kept, "PYTHONSAFEPATH": "1", **({"PYTHONPATH": places} if places else {})}
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment = {**inherited, "PYTHONSAFEPATH": "1", **({"PYTHONPATH": places} if places else {})}
     with (folder / "log").open("wb") as log:
         running = subprocess.Popen(
             command, cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True
@@ -265,15 +265,15 @@ def _wait_for(port: int) -> None:
 
 def below(pid: int) -> dict[int, bytes]:
     """Return the command line of a process, and of all that it has started."""
-    found: dict[int, bytes] = {}
+    command_lines: dict[int, bytes] = {}
     waiting = [pid]
     while waiting:
         here = Path(f"/proc/{waiting.pop()}")
         with suppress(OSError):
-            found[int(here.name)] = (here / "cmdline").read_bytes()
+            command_lines[int(here.name)] = (here / "cmdline").read_bytes()
             for thread in (here / "task").iterdir():
                 waiting += map(int, (thread / "children").read_text("utf-8").split())
-    return found
+    return command_lines
 
 
 def is_worker(line: bytes) -> bool:
@@ -331,19 +331,21 @@ def run(
         wall_s = time.perf_counter() - began
         out.seek(0)
         err.seek(0)
-        told, said = out.read(), err.read()
-    if not told.startswith("{"):
-        said = told[:300] + said
-        return Way(name, running.returncode, wall_s, 0, 0, {}, "", [], killed, memory, said[-500:])
+        stdout_text, stderr_text = out.read(), err.read()
+    if not stdout_text.startswith("{"):
+        stderr_text = stdout_text[:300] + stderr_text
+        return Way(
+            name, running.returncode, wall_s, 0, 0, {}, "", [], killed, memory, stderr_text[-500:]
+        )
     rows = _rows(table)
     errors = {row["recording"]: row["error"] for row in rows if row["error"]}
     missing = {HANGING, *(path.name for path in vanishing)}
     digest = _digest([row for row in rows if row["recording"] not in missing])
-    out_of_it = json.loads(told)["left_out"]
+    out_of_it = json.loads(stdout_text)["left_out"]
     code = running.returncode
     damaged = sum(bool(row["damaged_places"]) for row in rows)
     counts = (len(rows), damaged)
-    return Way(name, code, wall_s, *counts, errors, digest, out_of_it, killed, memory, said)
+    return Way(name, code, wall_s, *counts, errors, digest, out_of_it, killed, memory, stderr_text)
 
 
 def _parts(table: Path) -> int:
@@ -370,11 +372,11 @@ def show(ways: Sequence[Way]) -> bool:
         f"{'left out':>10}{'run MB':>8}{'worker MB':>11}  the rest decided"
     )
     for way in ways:
-        held = (way.memory.get(kind, 0.0) for kind in ("run", "worker"))
+        peaks_mb = (way.memory.get(kind, 0.0) for kind in ("run", "worker"))
         print(
             f"{way.name:10}{way.wall_s:8.1f}{way.code:6}{way.rows:6}{way.damaged:9}{len(way.errors):8}"
             f"{way.killed:8}{len(way.left_out):10}"
-            + "{:8.0f}{:11.0f}".format(*held)
+            + "{:8.0f}{:11.0f}".format(*peaks_mb)
             + f"  {way.digest[:16]}"
         )
     for way in ways[1:]:
@@ -400,17 +402,17 @@ def in_trouble(
     """Run a fleet in trouble on each engine."""
     clusters: Mapping[str, Any] = {"dask": dask_cluster, "ray": ray_cluster}
     vanishing = [path for path in paths if path.name.startswith("vanishing")]
-    kept = {path: path.read_bytes() for path in vanishing}
+    contents = {path: path.read_bytes() for path in vanishing}
     other = of_other_code(work / "code")
     for engine in engines:
         if engine != "local" and find_spec({"dask": "distributed"}.get(engine, engine)) is None:
             print(f"{engine}: not installed, left out")
             continue
         (work / engine).mkdir()
-        for path, data in kept.items():
+        for path, data in contents.items():
             path.write_bytes(data)
         places = [
-            f"{url}/{path.name}" if index % SERVED == 0 and path not in kept else str(path)
+            f"{url}/{path.name}" if index % SERVED == 0 and path not in contents else str(path)
             for index, path in enumerate(paths)
         ]
         with ExitStack() as stack:

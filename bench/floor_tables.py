@@ -44,8 +44,8 @@ _DISTANCES_M = (5.0, 10.0, 15.0, 20.0)
 
 def velocity_table() -> str:
     """Return velocities of floors and grounds [m/s] as a Markdown table."""
-    heard = [f"A0 {f:.0f} Hz" for f in _HEARD_HZ]
-    head = ["", "P", "S", "Rayleigh", "S0", *heard, "thin to Hz", "A1 from Hz", "seen at 5 m"]
+    a0_columns = [f"A0 {f:.0f} Hz" for f in _HEARD_HZ]
+    head = ["", "P", "S", "Rayleigh", "S0", *a0_columns, "thin to Hz", "A1 from Hz", "seen at 5 m"]
     floors = [
         [name, *_solid_cells(Solid.of_plate(p)), *_plate_cells(p)] for name, p in FLOORS.items()
     ]

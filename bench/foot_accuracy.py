@@ -108,10 +108,10 @@ def end_of(labels: tuple[Label, ...], points: list[TrackPoint]) -> End:
     true = np.array([label.x_m + 1j * label.y_m for label in labels])
     since = np.array([p.time_ns for p in points], float)
     places = np.array([p.x_m + 1j * p.y_m for p in points])
-    found = np.interp(times, since, places.real) + 1j * np.interp(times, since, places.imag)
-    true, found = true - true[0], found - found[0]
-    turn = np.vdot(true, found)
-    off = found[-1] - true[-1] * (turn / abs(turn) if abs(turn) else 1.0)
+    estimated = np.interp(times, since, places.real) + 1j * np.interp(times, since, places.imag)
+    true, estimated = true - true[0], estimated - estimated[0]
+    turn = np.vdot(true, estimated)
+    off = estimated[-1] - true[-1] * (turn / abs(turn) if abs(turn) else 1.0)
     error = np.array([off.real, off.imag])
     xx, xy, yy = points[int(np.argmin(np.abs(since - times[-1])))].covariance
     spread = np.array([[xx, xy], [xy, yy]])
@@ -133,22 +133,22 @@ def strides_of(name: str, labels: tuple[Label, ...], steps: list[StepEvent]) -> 
 def row(path: Path, columns: str, rate_hz: float | None) -> bool:
     """Print the figures of one recording; return whether its end is where it claims."""
     block, labels = read(path, columns)
-    thinned, said = at(block, rate_hz), Said()
-    replay([thinned], build_pipeline(load_pipeline("foot-inertial")), [said])
-    right, strides = strides_of(path.stem, labels, said.steps)
+    thinned, sink = at(block, rate_hz), Said()
+    replay([thinned], build_pipeline(load_pipeline("foot-inertial")), [sink])
+    right, strides = strides_of(path.stem, labels, sink.steps)
     cells = [path.stem[:24], f"{thinned.stream.rate_hz:.0f} Hz", f"{right}/{strides}"]
-    cells[-1] += f" ({len(said.steps)})"
-    score = score_tracks(labels, said.points)
+    cells[-1] += f" ({len(sink.steps)})"
+    score = score_tracks(labels, sink.points)
     if score is None or score.closure is None:
         print("  ".join(f"{cell:>16}" for cell in [*cells, "no track"]), flush=True)
         return False
-    found, end = score.closure, end_of(labels, said.points)
-    cells += [f"{found.walked_m:.1f} m", f"{found.percent:.2f} %"]
-    cells.append("-" if found.aligned_rmse_m is None else f"{found.aligned_rmse_m:.2f} m")
+    closure, end = score.closure, end_of(labels, sink.points)
+    cells += [f"{closure.walked_m:.1f} m", f"{closure.percent:.2f} %"]
+    cells.append("-" if closure.aligned_rmse_m is None else f"{closure.aligned_rmse_m:.2f} m")
     inside = end.square <= CHI2_90
     cells += [f"{end.off_m:.2f} m", f"{end.claimed_m:.2f} m", "inside" if inside else "OUTSIDE"]
     print(
-        "  ".join(f"{cell:>16}" for cell in cells) + ("  warned" if said.warned else ""), flush=True
+        "  ".join(f"{cell:>16}" for cell in cells) + ("  warned" if sink.warned else ""), flush=True
     )
     return inside
 
@@ -163,9 +163,9 @@ def main() -> None:
     print(
         "recording, rate, strides with one step (steps), walked, closure, shape, end off, claimed"
     )
-    found, failed = recordings(options.data), False
+    cases, failed = recordings(options.data), False
     for rate_hz in RATES_HZ:
-        inside = [row(path, columns, rate_hz) for path, columns in found]
+        inside = [row(path, columns, rate_hz) for path, columns in cases]
         print(f"{sum(inside)} of {len(inside)} ends within the ellipse of 90 %", flush=True)
         failed |= rate_hz is None and sum(inside) < 0.9 * len(inside)
     sys.exit(int(failed))

@@ -58,8 +58,8 @@ class Watch:
         except Exception as error:
             at = traceback.extract_tb(error.__traceback__)[-1]
             ours = [f for f in traceback.extract_tb(error.__traceback__) if "groundtrace" in f[0]]
-            place = " < ".join(f"{Path(f[0]).name}:{f[1]}" for f in (*ours[:-3:-1], at))
-            self._keep(f"{type(error).__name__}: {str(error)[:80]} at {place}", data)
+            where = " < ".join(f"{Path(f[0]).name}:{f[1]}" for f in (*ours[:-3:-1], at))
+            self._keep(f"{type(error).__name__}: {str(error)[:80]} at {where}", data)
         taken_s = time.process_time() - began
         self.slowest_s = max(self.slowest_s, taken_s)
         if taken_s > MAX_S:
@@ -116,13 +116,13 @@ def in_a_process(name: str, inputs: int, out: Path) -> dict[str, Any]:
         ran = subprocess.run(command, capture_output=True, text=True, check=False)
         counts = Path(folder) / "counts.json"
         if counts.exists():
-            found: dict[str, Any] = json.loads(counts.read_text(encoding="utf-8"))
-            return found
+            report: dict[str, Any] = json.loads(counts.read_text(encoding="utf-8"))
+            return report
         last = Path(folder) / "last"
         if last.exists():
             (out / f"{name}-killed").write_bytes(last.read_bytes())
-        said = " ".join(ran.stderr.split()[-40:])
-        return {"inputs": 0, "findings": {f"ended with {ran.returncode}: {said}": 1}}
+        stderr_tail = " ".join(ran.stderr.split()[-40:])
+        return {"inputs": 0, "findings": {f"ended with {ran.returncode}: {stderr_tail}": 1}}
 
 
 def main() -> None:
@@ -145,11 +145,11 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|", flush=True)
     wrong: list[str] = []
     for name, target in chosen.items():
-        found = in_a_process(name, -int(-given.inputs * target.share // shares), given.out)
-        wrong += [f"{name}: {n} x {what}" for what, n in found["findings"].items()]
-        cells = (found["inputs"], found.get("read", 0), found.get("refused", 0))
-        limits = f"{found.get('slowest_s', 0):.2f} s | {found.get('peak_mb', 0):.0f} MB"
-        print(f"| {name} | {' | '.join(map(str, cells))} | {len(found['findings'])} | {limits} |")
+        report = in_a_process(name, -int(-given.inputs * target.share // shares), given.out)
+        wrong += [f"{name}: {n} x {what}" for what, n in report["findings"].items()]
+        cells = (report["inputs"], report.get("read", 0), report.get("refused", 0))
+        limits = f"{report.get('slowest_s', 0):.2f} s | {report.get('peak_mb', 0):.0f} MB"
+        print(f"| {name} | {' | '.join(map(str, cells))} | {len(report['findings'])} | {limits} |")
         sys.stdout.flush()
     print("\n".join(["", *wrong]))
     sys.exit(bool(wrong))

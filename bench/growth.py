@@ -141,7 +141,7 @@ def grown(
     made = [case(step) for step in steps]
     for one in made:
         one()  # imports and compiles what it needs
-    held = [peak_mb(one) for one in made]
+    peaks_mb = [peak_mb(one) for one in made]
     turns = [
         [taken_s(one) / calls(step) for one, step in zip(made, steps, strict=True)]
         for _ in range(runs)
@@ -149,8 +149,8 @@ def grown(
     taken = [min(times) for times in zip(*turns, strict=True)]
     single = sorted(exponent(steps, times) for times in turns)
     print(f"{name}: time ~ n^{exponent(steps, taken):.2f}", end="")
-    print(f" ({single[0]:.2f} to {single[-1]:.2f}), memory ~ n^{exponent(steps, held):.2f}")
-    for step, second, megabyte in zip(steps, taken, held, strict=True):
+    print(f" ({single[0]:.2f} to {single[-1]:.2f}), memory ~ n^{exponent(steps, peaks_mb):.2f}")
+    for step, second, megabyte in zip(steps, taken, peaks_mb, strict=True):
         print(f"{step:>12g}{second * 1e3:12.2f} ms{megabyte:10.1f} MB", flush=True)
 
 

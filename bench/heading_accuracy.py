@@ -110,7 +110,7 @@ class Trial:
         _, errors = heading_errors(self.recording.labels, headings, 0.12)
         return np.degrees(errors[~np.isnan(errors)])
 
-    def frames(self, found: list[tuple[int, int]]) -> np.ndarray:
+    def frames(self, intervals: list[tuple[int, int]]) -> np.ndarray:
         start, end = self.recording.start_ns, self.recording.end_ns
         count = (end - start) // FRAME_NS + 1
         spans = {
@@ -119,8 +119,8 @@ class Trial:
         }
         scored = ~covered(spans["ignore"], start, count)
         true = covered(spans["disturbed"], start, count) & scored
-        said = covered(found, start, count) & scored
-        return np.array([(true & said).sum(), true.sum(), said.sum()], float)
+        detected = covered(intervals, start, count) & scored
+        return np.array([(true & detected).sum(), true.sum(), detected.sum()], float)
 
     def samples(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Times, and what VQF takes: rate, force, and field [uT]."""
@@ -189,29 +189,29 @@ def measure(path: Path, folder: Path, tallies: dict[str, Tally]) -> None:
 def leave_one_out(trials: list[Path]) -> None:
     """Print what is chosen without each trial, and what it reaches there."""
     settings = [{"place_ut": a, "plain_s": b} for a in PLACES_UT for b in PLAIN_S]
-    found: list[list[tuple[np.ndarray, np.ndarray]]] = []
+    measurements: list[list[tuple[np.ndarray, np.ndarray]]] = []
     with tempfile.TemporaryDirectory() as folder:
         for path in trials:
             out = imported(path, Path(folder))
             with Recording.open(out) as recording:
                 trial = Trial(recording)
-                found.append([trial.measured(given) for given in settings])
+                measurements.append([trial.measured(given) for given in settings])
     print("left out, chosen without it: heading [deg], true, found and both disturbed [s], F1")
     reported = Tally()
     for i, path in enumerate(trials):
-        others = [rows for k, rows in enumerate(found) if k != i]
+        others = [rows for k, rows in enumerate(measurements) if k != i]
 
         def worth(k: int, others: list = others) -> tuple[float, float]:
             frames = np.sum([rows[k][1] for rows in others], axis=0)
             return round(f1(frames), 3), -rms(np.concatenate([rows[k][0] for rows in others]))
 
         best = max(range(len(settings)), key=worth)
-        errors, frames = found[i][best]
+        errors, frames = measurements[i][best]
         reported.add(errors, frames)
-        both, true, said = frames * FRAME_NS / 1e9
+        both, true, detected = frames * FRAME_NS / 1e9
         print(
             f"{path.stem[:36]:36} {settings[best]}  {rms(errors):5.2f}  "
-            f"{true:6.1f} {said:6.1f} {both:6.1f}  {f1(frames):.3f}"
+            f"{true:6.1f} {detected:6.1f} {both:6.1f}  {f1(frames):.3f}"
         )
     print(f"pooled {reported.rmse:.2f} deg, F1 {f1(reported.frames):.3f}")
 
@@ -240,10 +240,10 @@ def main() -> int:
     print("RMSE of the heading [deg] / F1 of disturbances; last: pooled, precision, recall")
     print(f"{'':12}", *(f"{p.stem[:2]:>12}" for p in trials))
     for name, tally in tallies.items():
-        both, true, said = tally.frames
+        both, true, detected = tally.frames
         pooled = f"{tally.rmse:5.2f}" if tally.errors else "     "
-        if said:
-            pooled += f" /{f1(tally.frames):5.3f}  {both / said:.3f} {both / true:.3f}"
+        if detected:
+            pooled += f" /{f1(tally.frames):5.3f}  {both / detected:.3f} {both / true:.3f}"
         print(f"{name:12}", *(f"{cell:>12}" for cell in tally.row), " ", pooled)
     ours = tallies["compass"]
     reached = ours.rmse <= RMSE_DEG and f1(ours.frames) >= F1

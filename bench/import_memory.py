@@ -184,10 +184,10 @@ def seg2(path: Path, size: float) -> list[str]:
 def seg2_shots(path: Path, size: float) -> list[str]:
     """Write a folder of shots of one second."""
     path.mkdir()
-    whole = path / "0001.sg2"
-    seg2(whole, 8 * CHANNELS * RATE_HZ)
-    for number in range(2, int(size / whole.stat().st_size)):
-        shutil.copyfile(whole, path / f"{number:04d}.sg2")
+    first_shot = path / "0001.sg2"
+    seg2(first_shot, 8 * CHANNELS * RATE_HZ)
+    for number in range(2, int(size / first_shot.stat().st_size)):
+        shutil.copyfile(first_shot, path / f"{number:04d}.sg2")
     return [str(path)]
 
 
@@ -384,8 +384,8 @@ def main() -> None:
             # in a process of its own: a child's peak is never below what its parent held
             made = [sys.executable, __file__, "--only", kind, "--make", str(path)]
             made += ["--gigabytes", str(given.gigabytes)]
-            said = subprocess.run(made, check=True, capture_output=True, text=True).stdout
-            command = ["import", *said.splitlines(), "-o", str(Path(folder) / "out.mcap")]
+            output = subprocess.run(made, check=True, capture_output=True, text=True).stdout
+            command = ["import", *output.splitlines(), "-o", str(Path(folder) / "out.mcap")]
             mb, seconds = peak([sys.executable, "-c", MAIN, *command])
             files = path.rglob("*") if path.is_dir() else [path]
             size = sum(file.stat().st_size for file in files) / 1e9

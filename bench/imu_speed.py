@@ -100,9 +100,9 @@ class Unjudged:
     def __init__(self) -> None:
         self._peaks = ScorePeaks()
 
-    def __call__(self, _: Array, said: Scores, step_s: Array) -> tuple[Array, Array]:
+    def __call__(self, _: Array, point_scores: Scores, step_s: Array) -> tuple[Array, Array]:
         """Take points; return candidates, with surroundings that nobody looks at."""
-        return _unseen(self._peaks(said, step_s))
+        return _unseen(self._peaks(point_scores, step_s))
 
     def flush(self) -> tuple[Array, Array]:
         """Return those that waited."""

@@ -41,7 +41,7 @@ MAIN = "from groundtrace.cli.main import main; main()"
 
 def write(source: Path, target: Path, speed: float) -> None:
     """Write a recording as a logger does; print when each end of a chunk was in the file."""
-    told = []
+    flushes = []
     with Recording.open(source) as opened, RecordingWriter(target) as writer:
         if opened.geometry is not None:
             writer.set_geometry(opened.geometry)
@@ -53,11 +53,11 @@ def write(source: Path, target: Path, speed: float) -> None:
             writer.write(block)
             if block.end_ns - flushed_ns >= CHUNK_S * NS_PER_S:
                 flushed_ns = block.end_ns
-                due = began + (flushed_ns - start_ns) / NS_PER_S / speed
-                time.sleep(max(0.0, due - time.time()))
+                deadline_s = began + (flushed_ns - start_ns) / NS_PER_S / speed
+                time.sleep(max(0.0, deadline_s - time.time()))
                 writer.flush()
-                told.append((flushed_ns, time.time()))
-    print(json.dumps(told))
+                flushes.append((flushed_ns, time.time()))
+    print(json.dumps(flushes))
 
 
 class Clocked:
@@ -116,14 +116,14 @@ def in_browser(target: Path) -> dict[str, list[tuple[int, float]]]:
     call = [sys.executable, "-c", MAIN, "replay", str(target), "--follow", "--web", "--force"]
     came: defaultdict[str, list[tuple[int, float]]] = defaultdict(list)
     rows: set[str] = set()
-    said = target.with_name("said.txt")
+    log_path = target.with_name("said.txt")
     with (
-        said.open("w") as stream,
+        log_path.open("w") as stream,
         subprocess.Popen(call, stderr=stream, stdout=stream, cwd=target.parent) as replay,
     ):
-        while (found := re.search(r"serving (\S+)", said.read_text())) is None:
+        while (match := re.search(r"serving (\S+)", log_path.read_text())) is None:
             time.sleep(0.05)
-        url = found[1]
+        url = match[1]
         with sync_playwright() as play:
             flags = ["--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader"]
             browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=flags)

@@ -47,7 +47,7 @@ def main() -> None:
             ready = configured_for(live.head, None, ())
             plan = PlannedReplay.of(live.head, recording, ready, live=live)
             shown = load("sinks", "rerun")(None, spawn=True)
-            kept = ResultsSink(Path(folder) / "results.mcap", plan.provenance())
+            results_sink = ResultsSink(Path(folder) / "results.mcap", plan.provenance())
             ended = threading.Event()
 
             def told() -> None:
@@ -65,7 +65,7 @@ def main() -> None:
             teller = threading.Thread(target=told)
             teller.start()
             try:
-                plan.run([kept, shown])
+                plan.run([results_sink, shown])
             finally:
                 ended.set()
                 teller.join()

@@ -46,9 +46,9 @@ def write(source: Path, target: Path, way: str) -> None:
         writer.start()
         for metadata in reader.iter_metadata():
             writer.add_metadata(metadata.name, metadata.metadata)
-        for kept in reader.iter_attachments():
-            times = kept.create_time, kept.log_time
-            writer.add_attachment(*times, kept.name, kept.media_type, kept.data)
+        for attachment in reader.iter_attachments():
+            times = attachment.create_time, attachment.log_time
+            writer.add_attachment(*times, attachment.name, attachment.media_type, attachment.data)
         channels: dict[int, int] = {}
         waiting: list[tuple[float, int, Any]] = []
         began, first_ns, dropped = time.time(), None, 0
@@ -59,8 +59,8 @@ def write(source: Path, target: Path, way: str) -> None:
                 break
             if channel.id not in channels:
                 kind = writer.register_schema(schema.name, schema.encoding, schema.data)
-                told = channel.topic, channel.message_encoding, kind, channel.metadata
-                channels[channel.id] = writer.register_channel(*told)
+                channel_fields = channel.topic, channel.message_encoding, kind, channel.metadata
+                channels[channel.id] = writer.register_channel(*channel_fields)
             if began + at_s > time.time():
                 out.flush()
                 time.sleep(max(0.0, began + at_s - time.time()))
@@ -113,9 +113,10 @@ def followed(source: Path, target: Path, way: str) -> str:
     if way == "torn":
         time.sleep(8)
         replay.send_signal(signal.SIGINT)
-    said = replay.communicate()[1]
+    stderr_text = replay.communicate()[1]
     return (
-        f"{said}ended {time.time() - ended:.1f} s after the writer, with code {replay.returncode}"
+        f"{stderr_text}ended {time.time() - ended:.1f} s after the writer, "
+        f"with code {replay.returncode}"
     )
 
 

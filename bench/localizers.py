@@ -65,8 +65,8 @@ def errors(
     method: Callable[..., LocationEstimate], times: np.ndarray, sources: np.ndarray
 ) -> np.ndarray:
     """Return how far the places that a method finds are from the sources [m]."""
-    found = [method(row) for row in times]
-    return np.hypot(*(np.array([(p.x, p.y) for p in found]) - sources).T)
+    estimates = [method(row) for row in times]
+    return np.hypot(*(np.array([(p.x, p.y) for p in estimates]) - sources).T)
 
 
 def rms(values: np.ndarray) -> float:

@@ -58,9 +58,9 @@ class Timed:
 
         def timed(worker: Any, given: Any) -> Any:
             began = time.process_time()
-            found = method(worker, given)
+            output = method(worker, given)
             taken.append(time.process_time() - began)
-            return found
+            return output
 
         return type(kind.__name__, (kind,), {name: timed})
 
@@ -113,12 +113,12 @@ def main() -> None:
             write(simulate_room(room), path)
             per_step(path)
             peers = phat_of_all_pairs(sensors)
-            found = per_step(path)
+            stage_times = per_step(path)
             peer_s = statistics.median([*peers, *phat_of_all_pairs(sensors)])
             cells = [
                 f"{stage} {statistics.median(taken) * 1e3:.2f}/{statistics.mean(taken) * 1e3:.2f}"
                 f" ({statistics.median(taken) / peer_s:.2f})"
-                for stage, taken in found.items()
+                for stage, taken in stage_times.items()
                 if taken
             ]
             once_s, regions = arrangement_s(sensors)

@@ -56,12 +56,12 @@ def looked_at(page: Page, name: str) -> None:
         page.set_viewport_size({"width": width, "height": height})
         for scheme in ("dark", "light"):
             page.emulate_media(color_scheme=scheme)
-            found = Axe().run(page).response
-            counts = Counter(one["impact"] for one in found["violations"])
+            report = Axe().run(page).response
+            counts = Counter(one["impact"] for one in report["violations"])
             wide = page.evaluate("document.documentElement.scrollWidth")
-            cells = [len(found["passes"]), *(counts[impact] for impact in IMPACTS), wide]
+            cells = [len(report["passes"]), *(counts[impact] for impact in IMPACTS), wide]
             print(f"{name:22}{width:6}  {scheme:6}", *(f"{cell:9}" for cell in cells), flush=True)
-            for one in found["violations"]:
+            for one in report["violations"]:
                 where = ", ".join(node["target"][0] for node in one["nodes"])
                 print(f"    {one['impact']}: {one['id']} at {where}")
 

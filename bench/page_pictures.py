@@ -52,14 +52,14 @@ def serving(*asked: str) -> Iterator[str]:
         env=os.environ | {"BROWSER": "true"},
     ) as process:
         try:
-            said: list[str] = []
+            lines: list[str] = []
             for line in process.stderr or ():
-                said.append(line)
-                if found := re.search(r"http://\S+", line):
+                lines.append(line)
+                if match := re.search(r"http://\S+", line):
                     break
             else:
-                raise SystemExit(f"groundtrace {' '.join(asked)}: {''.join(said)}")
-            yield found.group()
+                raise SystemExit(f"groundtrace {' '.join(asked)}: {''.join(lines)}")
+            yield match.group()
         finally:
             process.terminate()  # an interrupt is ignored by what runs in the background
 

@@ -57,10 +57,10 @@ class Points:
 
 def tracks(opened: Recording, pipeline: str, labels: tuple = ()) -> dict[str, list[TrackPoint]]:
     """Return the points that a named pipeline gives, by stage; ``labels`` are what it may know."""
-    found = Points()
+    sink = Points()
     chain = build_pipeline(load_pipeline(pipeline), opened.geometry, labels)
-    replay(tuple(Source(opened)), chain, [found])
-    return found.of
+    replay(tuple(Source(opened)), chain, [sink])
+    return sink.of
 
 
 #: Normalised square that 90 % of errors in a plane stay below.
@@ -74,14 +74,14 @@ def inside(points: list[TrackPoint], labels: tuple, own_m: float = 0.0) -> float
     """
     since = np.array([p.time_ns for p in points], float)
     values = np.array([(p.x_m, p.y_m, *p.covariance) for p in points])
-    told = [x for x in labels if since[0] <= x.time_ns <= since[-1]]
+    scored = [x for x in labels if since[0] <= x.time_ns <= since[-1]]
     count = 0
-    for label in told:
+    for label in scored:
         x, y, xx, xy, yy = (np.interp(label.time_ns, since, column) for column in values.T)
         off = np.array([label.x_m - x, label.y_m - y])
         spread = np.array([[xx, xy], [xy, yy]]) + (own_m**2 + 1e-6) * np.eye(2)
         count += float(off @ np.linalg.solve(spread, off)) <= CHI2_90
-    return count / max(len(told), 1)
+    return count / max(len(scored), 1)
 
 
 def people(count: int) -> None:
@@ -89,12 +89,12 @@ def people(count: int) -> None:
     print("waist, simulated people on the loop: way told of 260 m by default, and calibrated [%]")
     rows = []
     for number in range(1, count + 1):
-        with tempfile.TemporaryDirectory() as place:
-            short, loop = Path(place) / "short.mcap", Path(place) / "loop.mcap"
-            known = WalkOptions(
+        with tempfile.TemporaryDirectory() as scratch:
+            short, loop = Path(scratch) / "short.mcap", Path(scratch) / "loop.mcap"
+            calibration = WalkOptions(
                 path="loop", seed=700 + number, person=number, duration_s=CALIBRATE_S
             )
-            write(simulate_walk(known), short)
+            write(simulate_walk(calibration), short)
             write(simulate_walk(WalkOptions(path="epfl", seed=number, person=number)), loop)
             with Recording.open(loop) as opened:
                 by_default = walked(opened, {})
@@ -102,17 +102,20 @@ def people(count: int) -> None:
                     print(f"  person {number}: hardly any steps found", flush=True)
                     continue
                 points = tracks(opened, "pedestrian")["track.smoothed"]
-                held = inside(points, tuple(x for x in opened.labels if x.kind == "step"))
+                inside_part = inside(points, tuple(x for x in opened.labels if x.kind == "step"))
                 constants = lengths_of(short, way_m(short))[1].models[-1].constants
                 both = [100 * (m / LOOP_M - 1) for m in (by_default, walked(opened, constants))]
-        rows.append((number, *both, held))
-        print(f"  person {number}: {both[0]:+.1f} {both[1]:+.1f}, {held:.2f} inside", flush=True)
+        rows.append((number, *both, inside_part))
+        print(
+            f"  person {number}: {both[0]:+.1f} {both[1]:+.1f}, {inside_part:.2f} inside",
+            flush=True,
+        )
     for name, part in (("odd, chosen on", 1), ("even, seen", 0)):
-        found = np.array([row[1:] for row in rows if row[0] % 2 == part])
-        mean, size = found.mean(axis=0), np.abs(found).mean(axis=0)
+        figures = np.array([row[1:] for row in rows if row[0] % 2 == part])
+        mean, size = figures.mean(axis=0), np.abs(figures).mean(axis=0)
         print(
             f"  {name}: mean {mean[0]:+.1f}, mean size {size[0]:.1f}, calibrated {size[1]:.2f} "
-            f"(largest {np.abs(found[:, 1]).max():.1f}), inside {mean[2]:.2f}"
+            f"(largest {np.abs(figures[:, 1]).max():.1f}), inside {mean[2]:.2f}"
         )
 
 
@@ -130,10 +133,10 @@ def walked(opened: Recording, constants: dict[str, float]) -> float:
         replace(s, parameters={**s.parameters, **constants}) if s.name == "track" else s
         for s in config.stage
     )
-    found = EventList()
+    sink = EventList()
     chain = build_pipeline(replace(config, stage=stages), opened.geometry)
-    replay(tuple(Source(opened)), chain, [found])
-    blocks = [x for x in found.events if isinstance(x, CandidateBlock)]
+    replay(tuple(Source(opened)), chain, [sink])
+    blocks = [x for x in sink.events if isinstance(x, CandidateBlock)]
     at = [[c.name for c in x.spec.columns] for x in blocks]
     return float(
         sum(
@@ -147,34 +150,38 @@ def walked(opened: Recording, constants: dict[str, float]) -> float:
 def indoors(folder: Path) -> None:
     """Median waypoint errors of every trace; the waypoints' own pipeline at those left out."""
     medians: dict[tuple[str, str], list[float]] = {}
-    held: dict[tuple[str, str], list[float]] = {}
+    inside_parts: dict[tuple[str, str], list[float]] = {}
     noisy: dict[str, list[float]] = {}
     waypoint_m = load_pipeline("pedestrian-waypoints").stage[-1].parameters["waypoint_m"]
     for path in sorted(folder.glob("*/*/path_data_files/*.txt")):
-        with tempfile.TemporaryDirectory() as place:
-            out = Path(place) / "trace.mcap"
+        with tempfile.TemporaryDirectory() as scratch:
+            out = Path(scratch) / "trace.mcap"
             import_recording([path], out)
             with Recording.open(out) as opened:
                 way = tuple(x for x in opened.labels if x.kind == "waypoint")
                 cases = [(name, way, way) for name in PIPELINES]
                 cases.append(("pedestrian-waypoints", way[::2], way[1::2]))
-                for name, known, scored in cases:
-                    for stage, points in tracks(opened, name, known).items():
-                        score = score_waypoints((way[0], *scored) if known != way else way, points)
+                for name, anchors, scored in cases:
+                    for stage, points in tracks(opened, name, anchors).items():
+                        score = score_waypoints(
+                            (way[0], *scored) if anchors != way else way, points
+                        )
                         if score is not None:
                             medians.setdefault((name, stage), []).append(score.median_m)
                             unknown = scored[2:] if name == "pedestrian-aligned" else scored[1:]
-                            held.setdefault((name, stage), []).append(inside(points, unknown))
+                            inside_parts.setdefault((name, stage), []).append(
+                                inside(points, unknown)
+                            )
                             if name == "pedestrian-waypoints":
                                 part = inside(points, unknown, waypoint_m)
                                 noisy.setdefault(stage, []).append(part)
     print("phone in hand (indoor-location-20): median waypoint error [m], places inside, each")
     for (name, stage), each in medians.items():
         listed = " ".join(f"{x:.1f}" for x in each)
-        part = np.mean(held[name, stage])
+        part = np.mean(inside_parts[name, stage])
         print(f"  {name:20} {stage:14} {np.median(each):5.2f}  {part:.2f}  ({listed})")
         if name == "pedestrian-waypoints":
-            rest = [np.mean(parts[1::2]) for parts in (held[name, stage], noisy[stage])]
+            rest = [np.mean(parts[1::2]) for parts in (inside_parts[name, stage], noisy[stage])]
             print(
                 f"    of those not chosen on   {np.median(each[1::2]):5.2f}  {rest[0]:.2f}, "
                 f"{rest[1]:.2f} with the waypoints' own {waypoint_m:g} m"
@@ -186,11 +193,11 @@ def loops(seeds: range) -> None:
     """End errors of the simulated loop with disturbances on its second straight."""
     print(f"waist (simulated loop of {LOOP_M:g} m, disturbed): end off, part of the way")
     for seed in seeds:
-        with tempfile.TemporaryDirectory() as place:
-            out = Path(place) / "loop.mcap"
+        with tempfile.TemporaryDirectory() as scratch:
+            out = Path(scratch) / "loop.mcap"
             write(simulate_walk(WalkOptions(path="epfl", seed=seed)), out)
             with Recording.open(out) as opened:
-                told = []
+                texts = []
                 for name in ("pedestrian", "pedestrian-compass"):
                     points = tracks(opened, name)["track"]
                     closure = score_closure(true_places(opened.labels), points)
@@ -198,8 +205,8 @@ def loops(seeds: range) -> None:
                         off = abs(closure.apart_m - closure.true_apart_m)
                         part = 100 * off / LOOP_M
                         walked = closure.walked_m
-                        told.append(f"{name} {off:.2f} m {part:.2f} % (track {walked:.0f} m)")
-                print(f"  seed {seed}: {', '.join(told)}")
+                        texts.append(f"{name} {off:.2f} m {part:.2f} % (track {walked:.0f} m)")
+                print(f"  seed {seed}: {', '.join(texts)}")
 
 
 def turned(simulation: Simulation, angle_deg: float) -> Simulation:
@@ -222,8 +229,8 @@ def turned_loops() -> None:
     """End errors of one of the loops, the sensor turned further."""
     print(f"waist, seed {TURNED_SEED}, sensor turned further: end off, part of the way")
     for angle_deg in TURNED_DEG:
-        with tempfile.TemporaryDirectory() as place:
-            out = Path(place) / "loop.mcap"
+        with tempfile.TemporaryDirectory() as scratch:
+            out = Path(scratch) / "loop.mcap"
             walk = simulate_walk(WalkOptions(path="epfl", seed=TURNED_SEED))
             write(turned(walk, angle_deg), out)
             with Recording.open(out) as opened:

@@ -60,19 +60,19 @@ def lateness(picker: str, samples: np.ndarray, **settings: object) -> np.ndarray
     for event in [*stage.process(block), *stage.flush()]:
         if isinstance(event, Pick):
             error_s = (event.time_ns - START_NS) / NS_PER_S - ONSET_S
-            place = int(event.channel[1:])
-            if abs(error_s) < 0.03 and not abs(late[place]) <= abs(error_s):
-                late[place] = error_s
+            column = int(event.channel[1:])
+            if abs(error_s) < 0.03 and not abs(late[column]) <= abs(error_s):
+                late[column] = error_s
     return late
 
 
 def figures(late_s: np.ndarray) -> tuple[float, float, float, float]:
     """Bias and robust deviation [ms], parts within 1 ms and found."""
-    found = np.isfinite(late_s)
-    ms = late_s[found] * 1e3
+    picked = np.isfinite(late_s)
+    ms = late_s[picked] * 1e3
     bias = float(np.median(ms))
     spread = 1.4826 * float(np.median(np.abs(ms - bias)))
-    return bias, spread, float(np.mean(np.abs(ms) <= 1)), float(found.mean())
+    return bias, spread, float(np.mean(np.abs(ms) <= 1)), float(picked.mean())
 
 
 def main() -> None:
@@ -85,10 +85,13 @@ def main() -> None:
         cells = []
         for peak in PEAKS:
             samples = emergent(peak, count, np.random.default_rng(peak))
-            bias, spread, near, found = figures(lateness(name, samples, **settings))
-            cells.append(f"{bias:+.2f}/{spread:.2f} {near:.0%} {found:.0%}")
-        said = " ".join(f"{key}={value}" for key, value in settings.items())
-        print(f"{name + ' ' + said:48}" + "".join(f"{cell:>24}" for cell in cells), flush=True)
+            bias, spread, near, picked = figures(lateness(name, samples, **settings))
+            cells.append(f"{bias:+.2f}/{spread:.2f} {near:.0%} {picked:.0%}")
+        settings_text = " ".join(f"{key}={value}" for key, value in settings.items())
+        print(
+            f"{name + ' ' + settings_text:48}" + "".join(f"{cell:>24}" for cell in cells),
+            flush=True,
+        )
     print("elsewhere, unrefined but for the last:")
     for name, cells in REFERENCE.items():
         print(f"{name:48}" + "".join(f"{cell:>24}" for cell in cells))

@@ -103,13 +103,13 @@ PIPELINES = {
 
 def quietly(*arguments: str) -> None:
     """Run a command; what it says is told only where it fails."""
-    said = io.StringIO()
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
             groundtrace(list(arguments))
     except SystemExit as ended:
         if ended.code:
-            raise SystemExit(f"groundtrace {' '.join(arguments)}: {said.getvalue()}") from ended
+            raise SystemExit(f"groundtrace {' '.join(arguments)}: {output.getvalue()}") from ended
 
 
 def recorded(layout: Layout, folder: Path) -> Path | None:
@@ -140,8 +140,8 @@ def recorded(layout: Layout, folder: Path) -> Path | None:
 def replayed(layout: Layout, recording: Path, folder: Path) -> tuple[Path, Path]:
     """Replay a layout; return the viewer's file and the results."""
     rrd, results = (folder / f"{layout.name}{tail}" for tail in (".rrd", ".results.mcap"))
-    own = PIPELINES.get(layout.name)
-    more = ["--pipeline", own] if own else []
+    pipeline = PIPELINES.get(layout.name)
+    more = ["--pipeline", pipeline] if pipeline else []
     out = ["--rrd", str(rrd), "--out", str(results), "--force", "--full-rate", "misses"]
     quietly("replay", str(recording), *layout.replay, *more, *out)
     return rrd, results
@@ -186,12 +186,12 @@ def slide(page: Page, folder: Path, name: str) -> None:
         page.locator("#tuning-value").evaluate(move, value)
         png = page.locator("#tuning").screenshot(timeout=PATIENCE_MS)
         taken.append(Image.open(io.BytesIO(png)).convert("RGB"))
-        said = page.text_content("#tuning-setting"), page.text_content("#tuning-counts")
-        print(f"{name}, {len(taken)}", *said, sep="  ")
+        texts = page.text_content("#tuning-setting"), page.text_content("#tuning-counts")
+        print(f"{name}, {len(taken)}", *texts, sep="  ")
     width, height = max(one.width for one in taken), max(one.height for one in taken)
     sheet = Image.new("RGB", (3 * width + 2 * APART, 2 * height + APART), "#2a3235")
-    for place, one in enumerate(taken):
-        sheet.paste(one, (place % 3 * (width + APART), place // 3 * (height + APART)))
+    for index, one in enumerate(taken):
+        sheet.paste(one, (index % 3 * (width + APART), index // 3 * (height + APART)))
     sheet.save(folder / f"{name}-slider.png", optimize=True)
 
 

@@ -73,9 +73,9 @@ def causes(seeds: int, stage: str) -> None:
             for seed in range(seeds):
                 walk = planted.Walk.make(sensors, seed, STEPS, **VARIANTS[seed % len(VARIANTS)])
                 rows = plant(cause, walk, np.random.default_rng(100 * seed + sensors))
-                found = walk.account(stage)
-                places.update(f.cause.cause for f in found.bad if f.fix - 1 in rows and f.cause)
-                blamed[" ".join(sorted(s.cause for s in found.sensors)) or "none"] += 1
+                account = walk.account(stage)
+                places.update(f.cause.cause for f in account.bad if f.fix - 1 in rows and f.cause)
+                blamed[" ".join(sorted(s.cause for s in account.sensors)) or "none"] += 1
             print(f"{sensors:3} {cause:16} places {dict(places)}, sensors {dict(blamed)}")
 
 
@@ -83,7 +83,7 @@ def clocks(seeds: int) -> None:
     """Print how often offsets of clocks are called identifiable, and their largest error."""
     for law, travel_s in LAWS.items():
         for offset_s in (0.0, 2e-3, 3e-3):
-            told, runs, worst_s = 0, 0, 0.0
+            identified, runs, worst_s = 0, 0, 0.0
             for sensors in planted.LAYOUTS:
                 for count in (12, 18, 30):
                     for seed in range(seeds):
@@ -97,13 +97,16 @@ def clocks(seeds: int) -> None:
                         ahead -= ahead.mean()
                         times = travel_s(apart) + rng.normal(0, 3e-4, apart.shape) + ahead
                         bounds = np.array([[0.0, 0.0], [planted.SIDE_M, planted.SIDE_M]])
-                        held = _held_out(Impacts(walk.positions, times, bounds, walk.places))
-                        assert held is not None
+                        held_out = _held_out(Impacts(walk.positions, times, bounds, walk.places))
+                        assert held_out is not None
                         runs += 1
-                        if held.identifiable:
-                            told += 1
-                            worst_s = max(worst_s, float(np.abs(held.offsets_s - ahead).max()))
-            print(f"{law:18} {offset_s * 1e3:g} ms: {told} of {runs}, worst {worst_s * 1e3:.2f} ms")
+                        if held_out.identifiable:
+                            identified += 1
+                            worst_s = max(worst_s, float(np.abs(held_out.offsets_s - ahead).max()))
+            print(
+                f"{law:18} {offset_s * 1e3:g} ms: {identified} of {runs}, "
+                f"worst {worst_s * 1e3:.2f} ms"
+            )
 
 
 def main() -> None:

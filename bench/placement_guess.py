@@ -110,20 +110,20 @@ def main() -> None:
     parser.add_argument("--each", action="store_true", help="print every guess")
     options = parser.parse_args()
     seen: dict[str, Counter[str]] = defaultdict(Counter)
-    kept: dict[str, Counter[str]] = defaultdict(Counter)
+    held_out: dict[str, Counter[str]] = defaultdict(Counter)
     with tempfile.TemporaryDirectory() as scratch:
         phone = Path(scratch) / "phone.toml"
         phone.write_text(PHONE)
         for case in cases(options.data, phone):
             guess = guess_of(case)
             looked = any(part in case.path.as_posix() for part in LOOKED_AT)
-            said = "no guess" if guess is None else guess.site
-            (seen if looked else kept)[case.worn][said] += 1
+            site = "no guess" if guess is None else guess.site
+            (seen if looked else held_out)[case.worn][site] += 1
             if options.each:
                 name = "/".join(case.path.parts[-2:])
                 print(f"{case.worn:12}{name}: {'no guess' if guess is None else guess.text}")
     table("looked at", seen)
-    table("kept back", kept)
+    table("kept back", held_out)
 
 
 if __name__ == "__main__":

@@ -59,17 +59,19 @@ class Take:
     def of(cls, simulation: Simulation) -> Take:
         """Take the first stream of a simulation; all of it is scored."""
         stream, sample_format, blocks = simulation.sources[0]
-        kept = list(blocks)
-        samples = np.concatenate([block.samples for block in kept]).astype(float)
+        block_list = list(blocks)
+        samples = np.concatenate([block.samples for block in block_list]).astype(float)
         labels = [x for x in simulation.labels if x.kind in ("step", "pick", "impact")]
-        return cls(stream, sample_format, samples, kept[0].start_ns, labels, simulation.geometry)
+        return cls(
+            stream, sample_format, samples, block_list[0].start_ns, labels, simulation.geometry
+        )
 
     def copy(self) -> Take:
         """Return one that can be changed alone."""
-        found = copy.copy(self)
-        found.samples, found.labels = self.samples.copy(), list(self.labels)
-        found.holes = list(self.holes)
-        return found
+        take = copy.copy(self)
+        take.samples, take.labels = self.samples.copy(), list(self.labels)
+        take.holes = list(self.holes)
+        return take
 
     @property
     def rate_hz(self) -> float:
@@ -94,12 +96,12 @@ class Take:
 
     def write(self, path: Path) -> None:
         """Write it as a recording."""
-        whole = self.samples
+        samples = self.samples
         if self.sample_format == "i16le":
-            whole = np.clip(np.rint(whole), -32768, 32767).astype(np.int16)
-        edges = [0, *(edge for hole in sorted(self.holes) for edge in hole), len(whole)]
+            samples = np.clip(np.rint(samples), -32768, 32767).astype(np.int16)
+        edges = [0, *(edge for hole in sorted(self.holes) for edge in hole), len(samples)]
         blocks = [
-            SignalBlock(self.stream, self.start_ns, a, whole[a:b])
+            SignalBlock(self.stream, self.start_ns, a, samples[a:b])
             for a, b in zip(edges[::2], edges[1::2], strict=True)
             if b > a
         ]
@@ -321,10 +323,10 @@ def doubled_truth(clean: Clean, rng: Rng) -> Planted | None:
 
 def hole(clean: Clean, rng: Rng) -> Planted | None:
     """Leave out the samples about a step."""
-    found = _some_step(clean, rng)
-    if found is None:
+    step = _some_step(clean, rng)
+    if step is None:
         return None
-    time_ns, at, take = found
+    time_ns, at, take = step
     before, after = take.count(rng.uniform(0.3, 0.6)), take.count(rng.uniform(0.3, 0.6))
     take.holes.append((at - before, at + after))
     return Planted(take, time_ns)
@@ -364,9 +366,9 @@ def soft_step(clean: Clean, rng: Rng, opened: tuple[str, ...], gate: str) -> Pla
     half = take.count(0.5 * clean.step_ns(number) / NS_PER_S)
     span, window = _window(at, half)
     mean = take.samples[at - 2 * half : at + 2 * half].mean(axis=0)
-    kept = float(np.exp(rng.uniform(np.log(0.003), np.log(0.5))))
+    gain = float(np.exp(rng.uniform(np.log(0.003), np.log(0.5))))
     part = take.samples[span] - mean
-    take.samples[span] = mean + part * (1 - (1 - kept) * window)
+    take.samples[span] = mean + part * (1 - (1 - gain) * window)
     return Planted(take, time_ns, opened=opened, settings=_just_under(clean, number, gate))
 
 
@@ -377,17 +379,17 @@ def fast_shake(
 
     Along gravity: across it, the length of the acceleration would swing slowly too.
     """
-    found = nobody(clean, rng, tight)
-    if found is None:
+    planted = nobody(clean, rng, tight)
+    if planted is None:
         return None
-    take = found.take
-    at, half = take.index(found.time_ns), take.count(0.25)
+    take = planted.take
+    at, half = take.index(planted.time_ns), take.count(0.25)
     t = np.arange(-half, half + 1) / take.rate_hz
     wave = np.hanning(len(t)) * np.cos(2 * np.pi * rng.uniform(18, 30) * t)
     size = rng.uniform(1.5, 4.0) * _upward(take, at)
     take.samples[at - half : at + half + 1, :3] += wave[:, None] * size
-    found.opened = opened
-    return found
+    planted.opened = opened
+    return planted
 
 
 def _upward(take: Take, at: int) -> NDArray[np.float64]:
@@ -399,18 +401,18 @@ def _upward(take: Take, at: int) -> NDArray[np.float64]:
 
 def lift(clean: Clean, rng: Rng, tight: tuple[str, ...]) -> Planted | None:
     """Label a step where a lift takes a sensor up that lies still: a slow rise without a peak."""
-    found = nobody(clean, rng, tight)
-    if found is None:
+    planted = nobody(clean, rng, tight)
+    if planted is None:
         return None
-    take = found.take
-    at = take.index(found.time_ns)
+    take = planted.take
+    at = take.index(planted.time_ns)
     before, after = min(take.count(0.8), at), take.count(1.4)
     rise = np.linspace(0, 1, before + after) ** 2
     fall = np.cos(np.linspace(0, np.pi / 2, take.count(0.5))) ** 2
     shape = np.concatenate([rise, fall])
     size = rng.uniform(2.0, 5.0) * _upward(take, at)
     take.samples[at - before : at - before + len(shape), :3] += shape[:, None] * size
-    return found
+    return planted
 
 
 def close_steps(clean: Clean, rng: Rng, opened: tuple[str, ...]) -> Planted | None:
@@ -451,20 +453,20 @@ def close_steps(clean: Clean, rng: Rng, opened: tuple[str, ...]) -> Planted | No
 
 def lonely_step(clean: Clean, rng: Rng, opened: tuple[str, ...]) -> Planted | None:
     """Let one step stand alone, with nobody walking before and after it."""
-    found = _some_step(clean, rng)
-    if found is None:
+    step = _some_step(clean, rng)
+    if step is None:
         return None
-    time_ns, at, take = found
+    time_ns, at, take = step
     near = take.count(0.3)
     rest = take.samples[at - near : at + near].mean(axis=0)
     far = take.count(3.0)
     quiet = take.samples[take.count(0.5) : take.count(1.5)]
     noise = quiet - quiet.mean(axis=0)
-    kept = take.samples[at - near : at + near].copy()
+    segment = take.samples[at - near : at + near].copy()
     begin, end = max(at - far, 0), min(at + far, len(take.samples))
     take.samples[begin:end] = rest + np.resize(noise, (end - begin, take.samples.shape[1]))
     _, window = _window(at, near)
-    take.samples[at - near : at + near] += (kept - rest) * window[: len(kept)]
+    take.samples[at - near : at + near] += (segment - rest) * window[: len(segment)]
     reach_ns = 3.2 * NS_PER_S
     take.labels = [
         x for x in take.labels if x.time_ns == time_ns or abs(x.time_ns - time_ns) > reach_ns
@@ -474,10 +476,10 @@ def lonely_step(clean: Clean, rng: Rng, opened: tuple[str, ...]) -> Planted | No
 
 def held_value(clean: Clean, rng: Rng) -> Planted | None:
     """Let the sensor hang about a step: it repeats one value."""
-    found = _some_step(clean, rng)
-    if found is None:
+    step = _some_step(clean, rng)
+    if step is None:
         return None
-    time_ns, at, take = found
+    time_ns, at, take = step
     a, b = at - take.count(rng.uniform(0.35, 0.6)), at + take.count(rng.uniform(0.35, 0.6))
     take.samples[a:b] = take.samples[a]
     return Planted(take, time_ns)
@@ -545,12 +547,12 @@ def _noise(take: Take, length: int, channels: list[int]) -> NDArray[np.float64]:
     return np.tile(both, (again, 1))[:length]
 
 
-def weaken(take: Take, time_ns: int, channels: list[int], kept: float) -> None:
+def weaken(take: Take, time_ns: int, channels: list[int], gain: float) -> None:
     """Leave a part of what channels felt after a moment, in their noise."""
     a, n = take.index(time_ns) - take.count(LEAD_S), take.count(STEP_S)
     part = take.samples[a : a + n, channels]
-    take.samples[a : a + n, channels] = (1 - kept) * _noise(take, n, channels)[: len(part)] + (
-        kept * part
+    take.samples[a : a + n, channels] = (1 - gain) * _noise(take, n, channels)[: len(part)] + (
+        gain * part
     )
 
 
@@ -566,16 +568,16 @@ def _step_in_room(clean: Clean, rng: Rng) -> tuple[Take, int, list[int]] | None:
 
 def soft_footfall(clean: Clean, rng: Rng) -> Planted | None:
     """Let a step be so soft that it stays below the thresholds of the picks on all channels."""
-    found = _step_in_room(clean, rng)
-    if found is None:
+    step = _step_in_room(clean, rng)
+    if step is None:
         return None
-    take, time_ns, channels = found
+    take, time_ns, channels = step
     wanted = float(np.exp(rng.uniform(np.log(2.0), np.log(5.0))))
     for channel in channels:
-        kept = _kept(clean, channel, time_ns, 0.05, wanted * float(np.exp(rng.normal(0, 0.1))))
-        if kept is None:
+        gain = _kept(clean, channel, time_ns, 0.05, wanted * float(np.exp(rng.normal(0, 0.1))))
+        if gain is None:
             return None
-        weaken(take, time_ns, [channel], kept)
+        weaken(take, time_ns, [channel], gain)
     return Planted(take, time_ns, opened=("picks.ratio=2",), tight=("steps.min_channels=1",))
 
 
@@ -594,10 +596,10 @@ def _kept(clean: Clean, channel: int, time_ns: int, reach_s: float, wanted: floa
 
 def few_channels(clean: Clean, rng: Rng) -> Planted | None:
     """Let all but two or three channels feel nothing of a step."""
-    found = _step_in_room(clean, rng)
-    if found is None:
+    step = _step_in_room(clean, rng)
+    if step is None:
         return None
-    take, time_ns, channels = found
+    take, time_ns, channels = step
     left = int(rng.integers(2, 4))
     weaken(take, time_ns, channels[left:], 0.0)
     return Planted(take, time_ns, opened=(f"steps.min_channels={left}",))
@@ -605,10 +607,10 @@ def few_channels(clean: Clean, rng: Rng) -> Planted | None:
 
 def dead_channels(clean: Clean, rng: Rng) -> Planted | None:
     """Let so many channels stand still about a step that too few are left."""
-    found = _step_in_room(clean, rng)
-    if found is None:
+    step = _step_in_room(clean, rng)
+    if step is None:
         return None
-    take, time_ns, channels = found
+    take, time_ns, channels = step
     a, b = take.index(time_ns) - take.count(0.15), take.index(time_ns) + take.count(0.35)
     take.samples[a:b, channels[3:]] = 0
     return Planted(take, time_ns, opened=("steps.min_channels=3",))
@@ -625,10 +627,10 @@ def _overdriven(take: Take, at: int, channel: int, rng: Rng) -> None:
 
 def overdriven_channels(clean: Clean, rng: Rng) -> Planted | None:
     """Let so many channels clip about a step that too few are left."""
-    found = _step_in_room(clean, rng)
-    if found is None:
+    step = _step_in_room(clean, rng)
+    if step is None:
         return None
-    take, time_ns, channels = found
+    take, time_ns, channels = step
     for channel in channels[3:]:
         _overdriven(take, take.index(time_ns), channel, rng)
     return Planted(take, time_ns)
@@ -636,10 +638,10 @@ def overdriven_channels(clean: Clean, rng: Rng) -> Planted | None:
 
 def slow_heave(clean: Clean, rng: Rng) -> Planted | None:
     """Put a slow movement, below the pickers' band, in the place of a step."""
-    found = _step_in_room(clean, rng)
-    if found is None:
+    step = _step_in_room(clean, rng)
+    if step is None:
         return None
-    take, time_ns, channels = found
+    take, time_ns, channels = step
     _heave(take, time_ns, channels, rng)
     return Planted(take, time_ns, opened=("picks.low_hz=0", "picks.high_hz=0"))
 
@@ -653,10 +655,10 @@ def _heave(take: Take, time_ns: int, channels: list[int], rng: Rng) -> None:
 
 def second_footfall(clean: Clean, rng: Rng) -> Planted | None:
     """Let a step follow 120 to 220 ms after another."""
-    found = _step_in_room(clean, rng)
-    if found is None:
+    step = _step_in_room(clean, rng)
+    if step is None:
         return None
-    take, time_ns, _ = found
+    take, time_ns, _ = step
     later_s = rng.uniform(0.12, 0.22)
     a, n, shift = take.index(time_ns), take.count(0.1), take.count(later_s)
     take.samples[a + shift : a + shift + n] += 3 * take.samples[a : a + n].copy()
@@ -755,10 +757,10 @@ def weak_arrival(clean: Clean, rng: Rng) -> Planted | None:
     """Let one arrival be weak on one channel."""
     take, arrival, channel = _arrival(clean, rng)
     wanted = float(np.exp(rng.uniform(np.log(1.5), np.log(7.5))))
-    kept = _kept(clean, channel, arrival.time_ns, 0.002, wanted)
-    if kept is None:
+    gain = _kept(clean, channel, arrival.time_ns, 0.002, wanted)
+    if gain is None:
         return None
-    weaken(take, arrival.time_ns, [channel], kept)
+    weaken(take, arrival.time_ns, [channel], gain)
     return Planted(take, arrival.time_ns, arrival.channel, opened=("picks.ratio=2",))
 
 
@@ -791,8 +793,8 @@ def second_shot(clean: Clean, rng: Rng) -> Planted | None:
     take.samples[a + n : a + n + length] += 2 * take.samples[a : a + length].copy()
     later_ns = round(n / take.rate_hz * NS_PER_S)
     until_ns = min((x.time_ns for x in shots if x.time_ns > shot.time_ns), default=2**62)
-    own = [x for x in take.labels if shot.time_ns <= x.time_ns < until_ns]
-    take.labels += [replace(x, time_ns=x.time_ns + later_ns) for x in own]
+    shot_labels = [x for x in take.labels if shot.time_ns <= x.time_ns < until_ns]
+    take.labels += [replace(x, time_ns=x.time_ns + later_ns) for x in shot_labels]
     opened = ("picks.refractory_s=0",)
     return Planted(take, arrival.time_ns + later_ns, arrival.channel, opened=opened, tight=None)
 
