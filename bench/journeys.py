@@ -150,7 +150,7 @@ def _replay_to_file() -> None:
         replay_to_files(room, "room-footsteps", out, rrd, to_s=3)
 
 
-def told(journey: str, entered: set[str]) -> set[str]:
+def named_files(journey: str, entered: set[str]) -> set[str]:
     """Return the files that CONTRIBUTING.md names in the paragraph that tells a journey.
 
     Parameters
@@ -189,7 +189,7 @@ def main() -> None:
     ):
         entered = journey()
         files = {function.file for function in entered}
-        named = told(words, files)
+        named = named_files(words, files)
         print(f"{words}: {len(files)} files, {len(entered)} functions")
         outside = f", and {len(named - files)} before or after" if named - files else ""
         print(f"   {len(named & files)} files told{outside}; {len(files - named)} entered besides")

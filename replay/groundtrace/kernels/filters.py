@@ -1,6 +1,6 @@
 """Recursive filters, weighted means and exponential means over blocks.
 
-What crosses blocks is ``held``, in the transposed direct form II that scipy's ``sosfilt`` and
+What crosses blocks is ``memory``, in the transposed direct form II that scipy's ``sosfilt`` and
 ``lfilter`` keep, and the sums are theirs, bit by bit. But scipy.signal imports most of SciPy, which
 takes most of a second.
 """
