@@ -102,6 +102,21 @@ def limit_blas_threads() -> list[str]:
     return unset
 
 
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keep libraries that are loaded already to one thread meanwhile.
+
+    Where the environment says how many there are, as it does of a command, it stays so.
+    """
+    if any(name in os.environ for name in THREADS):
+        yield
+        return
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, "blas"):
+        yield
+
+
 #: The most that glibc takes for the larger of the two (its manual, "Malloc Tunable Parameters").
 _KEPT_BYTES = 32 << 20
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD of malloc.h

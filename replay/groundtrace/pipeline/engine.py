@@ -18,6 +18,7 @@ from groundtrace_codecs.events import CandidateBlock, Note, StageSpec, TraceBloc
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .. import kernels
+from ..runtime import one_blas_thread
 from .warned import WarningCounter
 
 if TYPE_CHECKING:
@@ -144,10 +145,11 @@ class ReplayLoop:
         if cores() > 1:
             kernels.compile_new(self._pipeline.compiles)
         items = iter(source)
-        while (item := self._next(items)) is not None:
-            self._take(item)
-        self.flush()
-        self._deliver(self._pipeline.flush())
+        with one_blas_thread():
+            while (item := self._next(items)) is not None:
+                self._take(item)
+            self.flush()
+            self._deliver(self._pipeline.flush())
         self.tally.wall_s = time.perf_counter() - began
         return self.tally
 
