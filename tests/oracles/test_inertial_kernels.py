@@ -172,7 +172,9 @@ def test_a_segment_of_a_foot_is_integrated_and_its_error_carried_as_by_matrices(
     interval = rng.uniform(0.005, 0.015, count)
     rate, force = rng.normal(0, 3, (count + 1, 3)), rng.normal(0, 10, (count + 1, 3))
     lasts_s, nothing = float(interval.sum()), np.full(3, np.nan)
-    segment = Segment(0, interval, rate, force, nothing, 0.0, 0.0, lasts_s, np.zeros(3), 0.0)
+    segment = Segment(
+        0, interval, rate, force, nothing, 0.0, 0.0, lasts_s, np.zeros(3), np.zeros(6), 0.0
+    )
     step = integrate(pose, segment)
     orientation, velocity, place, transition = plain_step(pose, segment)
     np.testing.assert_allclose(step.pose.orientation, orientation, atol=1e-12)
@@ -245,6 +247,20 @@ def test_what_a_gyroscope_missed_turns_the_pose_and_makes_it_less_sure(seed):
     np.testing.assert_allclose((foot.covariance - before)[3:], 0.0, atol=1e-12)
     expected = product(start, of_vectors(0.5 * missed[None])[0])
     np.testing.assert_allclose(foot.pose.orientation, expected, atol=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_what_was_not_seen_makes_turn_and_velocity_less_sure(seed):
+    rng = np.random.default_rng(seed)
+    foot = ErrorStateFilter(SensorNoise(), normalised(rng.normal(size=4)))
+    before, start, unseen = foot.covariance, foot.pose, rng.uniform(0, 0.2, 6)
+    kernels.navigation.add_unseen_motion(foot.state[()], unseen)
+    axes, spread = matrix(start.orientation), np.zeros((15, 15))
+    spread[:3, :3] = axes @ np.diag(unseen[:3]) @ axes.T
+    spread[3:6, 3:6] = axes @ np.diag(unseen[3:]) @ axes.T
+    np.testing.assert_allclose(foot.covariance - before, spread, atol=1e-12)
+    np.testing.assert_array_equal(foot.pose.row, start.row)
 
 
 @settings(max_examples=20, deadline=None)

@@ -110,8 +110,7 @@ def integrate(pose: Pose, segment: Segment) -> StrapdownIncrement:
     """
     state, settings = filter_state(pose), np.zeros((), kernels.navigation.SETTINGS)
     settings["gravity_mps2"] = G0_MPS2
-    given = (segment.interval_s, segment.rate, segment.force, segment.length_s, segment.missed)
-    kernels.navigation.propagate(state[()], *given, settings[()])
+    kernels.navigation.propagate(state[()], *segment.motion, settings[()])
     return StrapdownIncrement(Pose.of(state["pose"]), state["step"])
 
 
@@ -245,8 +244,7 @@ class ErrorStateFilter:
 
     def predict(self, segment: Segment) -> Array:
         """Go on to the end of a segment; return its transition, shape (15, 15)."""
-        given = (segment.interval_s, segment.rate, segment.force, segment.length_s, segment.missed)
-        kernels.navigation.propagate(self.state[()], *given, self.settings[()])
+        kernels.navigation.propagate(self.state[()], *segment.motion, self.settings[()])
         return np.array(self.state["step"])
 
     def still(self, sigma_mps: float) -> Innovation:
@@ -301,6 +299,9 @@ class Segment:
         How long it lasts [s].
     missed
         About how much of a turn the gyroscope missed at its limits, shape (3,) [rad].
+    unseen
+        How far straight lines between its samples may be off: variances of the turn and of the
+        velocity, shape (6,) [rad2, m2/s2].
     held_s
         How long it was held at one, until a moment in the segment [s]; else 0.
     """
@@ -314,7 +315,14 @@ class Segment:
     peak: float
     length_s: float
     missed: Array
+    unseen: Array
     held_s: float
+
+    @property
+    def motion(self) -> tuple[Array, Array, Array, float, Array, Array]:
+        """What the navigation goes on by."""
+        samples = (self.interval_s, self.rate, self.force)
+        return (*samples, self.length_s, self.missed, self.unseen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,8 +331,9 @@ class SegmentRun(Sequence[Segment]):
 
     Attributes
     ----------
-    time_ns, interval_s, field, statistic, peak, length_s, missed, held_s
-        Of each, shapes (n,), (n, m), (n, 3), (n,), (n,), (n,), (n, 3), (n,), as those of a segment.
+    time_ns, interval_s, field, statistic, peak, length_s, missed, unseen, held_s
+        Of each, shapes (n,), (n, m), (n, 3), (n,), (n,), (n,), (n, 3), (n, 6), (n,), as those of a
+        segment.
     rate, force
         Of all samples, shape (n * m + 1, 3) [rad/s], [m/s2]: neighbours share one.
     """
@@ -338,6 +347,7 @@ class SegmentRun(Sequence[Segment]):
     peak: Array
     length_s: Array
     missed: Array
+    unseen: Array
     held_s: Array
 
     def __len__(self) -> int:
@@ -364,6 +374,7 @@ class SegmentRun(Sequence[Segment]):
             float(self.peak[segment_index]),
             float(self.length_s[segment_index]),
             self.missed[segment_index],
+            self.unseen[segment_index],
             float(self.held_s[segment_index]),
         )
 
@@ -408,6 +419,61 @@ class GyroPlateaus:
         return missed * self._period_s, durations * self._period_s
 
 
+#: How far the integral over a straight line may be off, one standard deviation, in T^2 / 12 times
+#: the larger of its bends at both ends, T its length: that of a parabola is 1. The first between
+#: neighbours, whose errors partly cancel, the second over lost samples. Bench: lost_samples.py.
+LINE_SIGMA = (0.5, 2.0)
+
+
+class StraightLines:
+    """Tells how far the integrals over straight lines between samples may be off.
+
+    Lines bend at samples. What a motion does beside a line it does under it too: lost packets are
+    no part of the motion, nor is when a sensor samples.
+
+    Parameters
+    ----------
+    rate_hz
+        Sampling rate [Hz].
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._lost = self._count = 0
+        self._at = np.empty(0, np.int64)
+        self._values = np.empty((0, 6))
+
+    def lose(self, count: int) -> None:
+        """Take it that so many of the next samples were lost, and lie on lines."""
+        self._lost += count
+
+    def __call__(self, values: Array) -> Array:
+        """Return the variance of the integral over each line, where the line after it ends.
+
+        Parameters
+        ----------
+        values
+            The next samples, shape (n, 6).
+
+        Returns
+        -------
+        Shape (n, 6), in squares of the values' units times seconds; 0 elsewhere.
+        """
+        variance, first = np.zeros(values.shape), self._count
+        lost = min(self._lost, len(values))
+        self._lost, self._count = self._lost - lost, first + len(values)
+        at = np.concatenate([self._at, np.arange(first + lost, self._count)])
+        x = np.concatenate([self._values, values[lost:]])
+        length = np.diff(at)[:, None]
+        bend = np.abs(np.diff(np.diff(x, axis=0) / length, axis=0))
+        larger = np.maximum(bend[:-1], bend[1:])
+        sigma = np.where(length[1:-1] > 1, *LINE_SIGMA[::-1])
+        off = sigma / 12 * length[1:-1] ** 2 * larger * self._period_s
+        variance[at[3:] - first] = off**2
+        self._at, self._values = at[-3:], x[-3:]
+        return variance
+
+
 class Segments:
     """Cuts blocks of any length into segments, counted from the run's first sample.
 
@@ -426,9 +492,14 @@ class Segments:
         self._late = round(self._statistic.delay_ns * rate_hz / NS_PER_S)
         self._times = np.empty(0, np.int64)
         self._plateaus = GyroPlateaus(rate_hz)
-        self._samples = np.empty((0, 13))
+        self._lines = StraightLines(rate_hz)
+        self._samples = np.empty((0, 19))
         self._values = np.empty((0, 2))
         self._skip = self._late
+
+    def lose(self, count: int) -> None:
+        """Take it that so many of the next samples were lost, and lie on straight lines."""
+        self._lines.lose(count)
 
     def add(self, times: NDArray[np.int64], samples: Array) -> SegmentRun:
         """Take samples, shapes (n,) and (n, 9); return the segments that are complete by now.
@@ -441,7 +512,8 @@ class Segments:
         self._skip -= skipped
         self._times = np.concatenate([self._times, times])
         missed, held_s = self._plateaus(samples[:, :3])
-        rows = np.concatenate([samples, missed, held_s[:, None]], axis=1)
+        unseen = self._lines(samples[:, :6])
+        rows = np.concatenate([samples, missed, unseen, held_s[:, None]], axis=1)
         self._samples = np.concatenate([self._samples, rows])
         self._values = np.concatenate([self._values, values[skipped:]])
         return self._cut(self._length)
@@ -465,7 +537,7 @@ class Segments:
         end = count * length
         times, values = self._times[: end + 1], self._values[: end + 1]
         intervals = (np.diff(times) / NS_PER_S).reshape(count, length)
-        inner = self._samples[1 : end + 1, 6:].reshape(count, length, 7)
+        inner = self._samples[1 : end + 1, 6:].reshape(count, length, 13)
         statistic = values[1:, 0].reshape(count, length).max(axis=1, initial=0.0)
         # each contiguous, as compiled functions take them
         rate, force = (np.ascontiguousarray(self._samples[: end + 1, k : k + 3]) for k in (0, 3))
@@ -482,7 +554,8 @@ class Segments:
             np.ascontiguousarray(values[length::length, 1]),
             intervals.sum(axis=1),
             inner[:, :, 3:6].sum(axis=1),
-            inner[:, :, 6].max(axis=1, initial=0.0),
+            inner[:, :, 6:12].sum(axis=1),
+            inner[:, :, 12].max(axis=1, initial=0.0),
         )
 
 

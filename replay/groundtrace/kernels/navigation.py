@@ -264,6 +264,15 @@ def error_transition(state: Any, length_s: float, gravity: float) -> None:
             out[6 + i, 9 + k] = length_s / 3.0 * out[3 + i, 9 + k]
 
 
+@inlined
+def add_variances(covariance: Array, at: int, axes: Array, variances: Any) -> None:
+    """Add three variances, along the axes, to the block of a covariance that begins at a row."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                covariance[at + i, at + j] += axes[i, k] * axes[j, k] * variances[k]
+
+
 @compiled(void(_STATE, _VALUES, float64, float64))
 def add_missed_turn(state: Any, missed: Array, part: float, sigma: float) -> None:
     """Turn the pose by a part of what the gyroscope missed, and know it as much less well.
@@ -278,15 +287,29 @@ def add_missed_turn(state: Any, missed: Array, part: float, sigma: float) -> Non
     axes = state.axes
     axes[:] = 0.0
     add_rotation_matrix(quaternion(state.pose), 1.0, axes)
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                state.covariance[i, j] += axes[i, k] * axes[j, k] * (sigma * missed[k]) ** 2
+    variances = ((sigma * missed[0]) ** 2, (sigma * missed[1]) ** 2, (sigma * missed[2]) ** 2)
+    add_variances(state.covariance, 0, axes, variances)
     turn = rotation_of(part * missed[0], part * missed[1], part * missed[2])
     put_normalised(quaternion_product(quaternion(state.pose), turn), state.pose)
 
 
-@compiled(void(_STATE, _VALUES, _SAMPLES, _SAMPLES, float64, _VALUES, _SETTINGS))
+@compiled(void(_STATE, _VALUES))
+def add_unseen_motion(state: Any, unseen: Array) -> None:
+    """Know a pose less well for samples that were lost before it.
+
+    Parameters
+    ----------
+    unseen
+        Variances of turn and velocity along the sensor's axes, shape (6,) [rad2, m2/s2].
+    """
+    axes = state.axes
+    axes[:] = 0.0
+    add_rotation_matrix(quaternion(state.pose), 1.0, axes)
+    add_variances(state.covariance, 0, axes, unseen[:3])
+    add_variances(state.covariance, 3, axes, unseen[3:])
+
+
+@compiled(void(_STATE, _VALUES, _SAMPLES, _SAMPLES, float64, _VALUES, _VALUES, _SETTINGS))
 def propagate(
     state: Any,
     interval_s: Array,
@@ -294,11 +317,13 @@ def propagate(
     force: Array,
     length_s: float,
     missed: Array,
+    unseen: Array,
     p: Any,
 ) -> None:
     """Go on by a segment of some length [s]: pose, P' = F P F' + Q, and transition since the knot.
 
-    The samples are as those of :func:`strapdown`; what the gyroscope missed is added at the end.
+    The samples are as those of :func:`strapdown`; what the gyroscope missed, and what lost samples
+    leave unknown, is added at the end.
     """
     covariance, step, dt = state.covariance, state.step, length_s
     w, x, y, z = quaternion(state.pose)
@@ -317,6 +342,8 @@ def propagate(
         covariance[12 + i, 12 + i] += p.force_bias_walk**2 * dt
     if missed[0] != 0.0 or missed[1] != 0.0 or missed[2] != 0.0:
         add_missed_turn(state, missed, p.missed_part, p.missed_sigma)
+    if unseen.any():
+        add_unseen_motion(state, unseen)
     product(step, state.transition, state.half)
     copy_matrix(state.half, state.transition)
 
@@ -465,8 +492,8 @@ def speed_update(state: Any, sigma: float) -> None:
 
 @compiled(
     _PAIR(
-        *(int64, int64[::1], _SAMPLES, _SAMPLES, _SAMPLES, _VALUES, _VALUES, _VALUES, _SAMPLES),
-        *(_STATE, _SETTINGS, _KNOT[::1]),
+        *(int64, int64[::1], _SAMPLES, _SAMPLES, _SAMPLES, _VALUES, _VALUES, _VALUES),
+        *(_SAMPLES, _SAMPLES, _STATE, _SETTINGS, _KNOT[::1]),
     )
 )
 def navigate(
@@ -479,6 +506,7 @@ def navigate(
     peak: Array,
     length_s: Array,
     missed: Array,
+    unseen: Array,
     state: Any,
     p: Any,
     knots: Any,
@@ -489,7 +517,7 @@ def navigate(
 
     Parameters
     ----------
-    time_ns, interval_s, rate, force, statistic, peak, length_s, missed
+    time_ns, interval_s, rate, force, statistic, peak, length_s, missed, unseen
         Segments, as :class:`.inertial.strapdown.SegmentRun` has them.
     state, p
         Of the walk; the state goes on in place.
@@ -507,7 +535,7 @@ def navigate(
             break
         first, last, length = at * samples, (at + 1) * samples + 1, length_s[at]
         parts = (interval_s[at], rate[first:last], force[first:last])
-        propagate(state, *parts, length, missed[at], p)
+        propagate(state, *parts, length, missed[at], unseen[at], p)
         if not still:
             end_stance(state)
             swing_on(state, length)

@@ -288,6 +288,9 @@ class Stage(Protocol):
     that makes a candidate is no parameter ``floor``, ``floors`` has it by the function's name.
     Columns named in ``of_usual`` say what there is of a usual event in a candidate, 1 of that one.
 
+    It may have a method ``bridged`` that is told of each gap of its topic that was filled, before
+    the block that fills it.
+
     One that says its ``memory`` can begin in the middle of a recording. The index of the first
     sample that it is given of a run, ``block.first``, is then not 0, and what it counts from the
     run's begin on, as frames, it counts by that.
@@ -470,7 +473,7 @@ class StageRunner:
 
     Notes
     -----
-    A bridged gap changes nothing. Where a run ends, what was held back comes out, and the next one
+    A bridged gap ends nothing. Where a run ends, what was held back comes out, and the next one
     begins with the stage started again. The refractory time goes on, unless the clock was set back:
     times before and after then have nothing to do with each other. No candidate is earlier than the
     first sample of its run.
@@ -746,7 +749,10 @@ class StageRunner:
                     self._feed(instance, gap, out)
             return
         stepped = gap.reason == CLOCK_STEP
-        if gap.bridged or (self.kind.ends_at == CLOCK_STEP and not stepped):
+        if gap.bridged:
+            self._tell_bridged(gap)
+            return
+        if self.kind.ends_at == CLOCK_STEP and not stepped:
             return
         anywhere = any(need.anywhere for need in self.kind.takes)
         for key, instance in list(self._state.instances.items()):
@@ -757,6 +763,14 @@ class StageRunner:
                 instance.carry = GateState()
             if self.kind.scope == "placement":  # its streams are to be found again
                 del self._state.instances[key]
+
+    def _tell_bridged(self, gap: Gap) -> None:
+        """Tell those that want to know which samples of their topic were filled."""
+        for instance in self._state.instances.values():
+            if isinstance(instance, _Instance) and instance.spec.topic == gap.topic:
+                tell = getattr(instance.stage, "bridged", None)
+                if tell is not None:
+                    tell(gap)
 
     def _take_spec(self, spec: StageSpec, out: list[Event]) -> None:
         """Take what a stage states before it gives anything: instances may start."""

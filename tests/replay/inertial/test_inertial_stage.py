@@ -99,6 +99,36 @@ def test_a_gap_ends_the_track_and_a_bridged_one_does_not() -> None:
         assert {p.track for p in points} == tracks
 
 
+def with_losses(block: SignalBlock, spans: list[tuple[int, int]]) -> list:
+    """The block with straight lines over lost samples, each after a gap that says so."""
+    values, items, at = block.values.copy(), [], 0
+    for start, end in spans:
+        weight = np.arange(1, end - start + 1)[:, None] / (end - start + 1)
+        values[start:end] = values[start - 1] + weight * (values[end] - values[start - 1])
+    channels = tuple(replace(c, scale=1.0) for c in block.stream.channels)
+    filled = replace(block, samples=values, stream=replace(block.stream, channels=channels))
+    for start, end in spans:
+        lost = filled.slice(start, end)
+        gap = Gap(block.topic, lost.start_ns, lost.end_ns, "missing", end - start, bridged=True)
+        items += [filled.slice(at, start), gap, lost]
+        at = end
+    return [*items, filled.slice(at, len(block))]
+
+
+def test_lost_samples_make_a_track_less_sure_and_are_warned_of() -> None:
+    begin, rng = 400, np.random.default_rng(0)
+    spans = [(k, k + int(rng.integers(1, 9))) for k in range(begin, len(WALK.block) - 50, 40)]
+    told = said(with_losses(WALK.block, spans))
+    unsaid = said([item for item in with_losses(WALK.block, spans) if not isinstance(item, Gap)])
+    tracks = [[e for e in events if isinstance(e, TrackPoint)] for events in (told, unsaid)]
+    assert tracks[0][-1].covariance[0] > 1.5 * tracks[1][-1].covariance[0]
+    (note,) = [e for e in told if isinstance(e, Note) and "were lost" in e.text]
+    lost = sum(end - start for start, end in spans)
+    assert note.text.startswith(f"/imu/foot: {lost} of {len(WALK.block)} samples were lost")
+    assert note.level == "WARN"
+    assert not [e for e in unsaid if isinstance(e, Note)]
+
+
 @pytest.mark.parametrize("fault", sorted(FAULTS))
 def test_faulty_samples_have_a_defined_outcome(fault: str) -> None:
     samples = FAULTS[fault](np.array(WALK.block.samples))

@@ -1,0 +1,259 @@
+"""Steps and tracks of feet of walks that nothing was chosen on.
+
+    python bench/published_walks.py --walks FOLDER
+
+The folder is ``GaitData`` of github.com/CyrilVoisard/ipol_dataset_1 (C. Voisard et al., IPOL 2023):
+110 walks of 19 people, 10 m out, a turn, 10 m back, with a sensor at the lower back and one on each
+foot. The ten people of odd number are those of ``back-steps``, which the score of steps was made
+from; the nine of even number it has never seen, and of nobody the sensors of the feet.
+
+- Steps of the nine people, by what ships and by its rivals, which have the placement stated.
+- What feet do beside steps that the truth has not: whether one swings in the half second before as
+  fast as in 99 of 100 steps that it has.
+- Tracks of both feet of a walk: where they end, each turned so that its farthest point lies in one
+  direction. They should lie as far from each other as feet stand, within what both claim; the
+  walker may stop elsewhere than he began.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import tempfile
+from collections import Counter
+from dataclasses import dataclass
+from multiprocessing import Pool
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from foot_accuracy import CHI2_90, Said
+from step_accuracy import read
+from step_people import HEADER, RIVALS, WIDE_S, judged, metronome, rival, whole
+from train_step_score import candidates, runs_of
+
+from groundtrace.detectors import step_score
+from groundtrace.detectors.adaptive import AdaptiveParameters
+from groundtrace.evaluation.matching import inside, match
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
+from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.recording import Recording
+
+if TYPE_CHECKING:
+    from train_step_score import Run
+
+    Array = np.ndarray
+
+RATE_HZ = 100.0
+AXES = "xyz"
+QUANTITIES = (
+    ("acc", "acceleration", "m/s2"),
+    ("gyro", "angular_velocity", "rad/s"),
+    ("mag", "magnetic_field", "a.u."),
+)
+#: Feet stand apart by about this, in any direction [m].
+APART_M = 0.3
+#: Parts of the samples of the worse foot that were lost: limits of classes.
+LOST = (0.0, 0.001, 0.02, 0.1, 1.0)
+#: A step begins at most so long before its contact, and may be told so long after it [s].
+BEFORE_S, AFTER_S = 0.45, 0.05
+
+
+def values_of(path: Path) -> Array:
+    """Return the samples of a published file that were not lost, the first column their number."""
+    return np.loadtxt(path, skiprows=2)
+
+
+def map_text(topic: str) -> str:
+    """Return an import map of the columns that :func:`write` writes."""
+    columns = [
+        f'{{column = "{name}_{axis}", quantity = "{quantity}", axis = "{axis}", unit = "{unit}"}}'
+        for name, quantity, unit in QUANTITIES
+        for axis in AXES
+    ]
+    time = 'format = "csv"\ntime = {column = "time_s", unit = "s"}\n'
+    return f'{time}[[stream]]\ntopic = "{topic}"\ncolumns = [{", ".join(columns)}]\n'
+
+
+def write(path: Path, folder: Path, topic: str) -> tuple[Path, Path]:
+    """Write a published file as CSV and its map; return their paths."""
+    values = values_of(path)
+    values[:, 0] /= RATE_HZ
+    header = ",".join(["time_s", *(f"{name}_{axis}" for name, *_ in QUANTITIES for axis in AXES)])
+    table, columns = folder / "signal.csv", folder / "map.toml"
+    np.savetxt(table, values[:, :10], "%.6f", ",", header=header, comments="")
+    columns.write_text(map_text(topic))
+    return table, columns
+
+
+def walks_of(folder: Path) -> list[tuple[str, str, object]]:
+    """Return person, name and walk of the people that the score of steps has not seen."""
+    walks = []
+    for path in sorted(folder.glob("*_lb.txt")):
+        code = path.name.removesuffix("_lb.txt")
+        person = code.split("-")[0]
+        if int(person) % 2:
+            continue
+        described = json.loads(path.with_name(f"{code}.json").read_text())
+        events = described["LeftFootEvents"] + described["RightFootEvents"]
+        contacts = sorted(end / RATE_HZ for _, end in events)
+        with tempfile.TemporaryDirectory() as scratch:
+            table, columns = write(path, Path(scratch), "/imu")
+            truth = Path(scratch) / "truth.csv"
+            truth.write_text("time_s,kind\n" + "".join(f"{t:g},step\n" for t in contacts))
+            walks.append((person, f"back-steps {code}", read(table, columns, truth)))
+    return walks
+
+
+class Rates:
+    """How fast the feet of a walk turn."""
+
+    def __init__(self, folder: Path, code: str) -> None:
+        self._feet = []
+        for side in ("lf", "rf"):
+            values = values_of(folder / f"{code}_{side}.txt")
+            self._feet.append((values[:, 0] / RATE_HZ, np.linalg.norm(values[:, 4:7], axis=1)))
+
+    def fastest(self, start_s: float, end_s: float) -> float:
+        """Return the fastest of both feet in a span [rad/s]; 0 without a sample."""
+        spans = [rate[(time >= start_s) & (time <= end_s)] for time, rate in self._feet]
+        return float(max(span.max(initial=0.0) for span in spans))
+
+
+def extra_steps(folder: Path, runs: list[Run]) -> None:
+    """Print what feet do beside steps that the truth has not."""
+    default, weights = AdaptiveParameters(), step_score.trained()
+    rows = []
+    for run in runs:
+        peaks = candidates(run, weights)
+        rows.append(peaks[(peaks[:, 2] >= default.score) & (peaks[:, 3] >= default.apart)])
+    true_fastest: list[float] = []
+    extra: list[tuple[str, float]] = []
+    total = 0
+    for run, steps in whole(runs, rows):
+        feet = Rates(folder, run.walk.split()[1])
+        found_s = np.sort(steps[:, 0])
+        found_s = found_s[inside(found_s, run.spans)]
+        total += len(found_s)
+        true_fastest += [feet.fastest(t - BEFORE_S, t + AFTER_S) for t in run.true_s]
+        pairs = match(run.true_s, found_s, WIDE_S)
+        for time_s in np.delete(found_s, pairs[:, 1]):
+            fastest = feet.fastest(time_s - BEFORE_S, time_s + AFTER_S)
+            extra.append((where(run, float(time_s)), fastest))
+    swing = float(np.percentile(true_fastest, 1))
+    print(
+        f"\n{len(extra)} of {total} steps are not in the truth; before 99 of 100 true ones a foot"
+    )
+    print(f"turns at {swing:.1f} rad/s or faster, and so does one before")
+    kinds = Counter(kind for kind, _ in extra)
+    for kind, count in kinds.most_common():
+        swung = sum(fastest >= swing for each, fastest in extra if each == kind)
+        print(f"  {kind:28} {swung:3} of {count}")
+
+
+def where(run: Run, time_s: float) -> str:
+    """Return where a step lies that the truth has not."""
+    after = int(np.searchsorted(run.true_s, time_s))
+    if after in (0, len(run.true_s)):
+        return "after the last step" if after else "before the first step"
+    turning = run.turning[after] or run.turning[after - 1]
+    return "in a turn" if turning else "between steps straight on"
+
+
+class FootEnd(NamedTuple):
+    """Where the track of a foot ends: place, covariance, and the part of samples lost."""
+
+    place: Array
+    covariance: Array
+    lost: float
+
+
+def foot_end(path: Path) -> FootEnd | None:
+    """Replay a foot; its farthest point lies on the x axis."""
+    with tempfile.TemporaryDirectory() as scratch:
+        table, columns = write(path, Path(scratch), "/imu/foot")
+        file, sink = Path(scratch) / "foot.mcap", Said()
+        import_recording([table], file, map_path=columns)
+        with Recording.open(file) as recording:
+            replay(Source(recording), build_pipeline(load_pipeline("foot-inertial")), [sink])
+    if not sink.points:
+        return None
+    places = np.array([(p.x_m, p.y_m) for p in sink.points])
+    places -= places[0]
+    x, y = places[np.argmax(np.hypot(*places.T))]
+    turn = np.array([[x, y], [-y, x]]) / np.hypot(x, y)
+    xx, xy, yy = sink.points[-1].covariance
+    counter = values_of(path)[:, 0]
+    lost = 1 - len(counter) / (counter[-1] - counter[0] + 1)
+    return FootEnd(turn @ places[-1], turn @ np.array([[xx, xy], [xy, yy]]) @ turn.T, float(lost))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Both feet of a walk: how far their tracks end apart [m], claimed, its square, and lost."""
+
+    apart_m: float
+    claimed_m: float
+    square: float
+    lost: float
+
+
+def pair_of(left: FootEnd, right: FootEnd) -> Pair:
+    """Compare where the tracks of two feet end."""
+    off = left.place - right.place
+    spread = left.covariance + right.covariance + APART_M**2 * np.eye(2)
+    claimed = float(np.sqrt(CHI2_90 * np.linalg.eigvalsh(spread)[-1]))
+    square = float(off @ np.linalg.solve(spread, off))
+    return Pair(float(np.hypot(*off)), claimed, square, max(left.lost, right.lost))
+
+
+def feet(folder: Path) -> None:
+    """Print how far apart the tracks of both feet end."""
+    paths = sorted([*folder.glob("*_lf.txt"), *folder.glob("*_rf.txt")])
+    with Pool() as pool:
+        ends = dict(zip(paths, pool.map(foot_end, paths, chunksize=4), strict=True))
+    pairs = []
+    for path in paths[::2]:
+        other = path.with_name(path.name.replace("_lf", "_rf"))
+        left, right = ends[path], ends[other]
+        if left is not None and right is not None:
+            pairs.append(pair_of(left, right))
+    print("\nlost samples     walks   feet apart: median, 90 of 100, most   claimed   within 90 %")
+    for low, high in itertools.pairwise(LOST):
+        some = [pair for pair in pairs if low <= pair.lost < high]
+        apart = np.array([pair.apart_m for pair in some])
+        within = sum(pair.square <= CHI2_90 for pair in some)
+        print(
+            f"{low:6.1%} to {high:4.0%} {len(some):8} {np.median(apart):17.2f} m "
+            f"{np.percentile(apart, 90):7.2f} m {apart.max():6.2f} m "
+            f"{np.median([pair.claimed_m for pair in some]):8.2f} m {within:7} of {len(some)}"
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--walks", type=Path, required=True, help="GaitData as published")
+    options = parser.parse_args()
+    walks = walks_of(options.walks)
+    runs = [run for each in walks for run in runs_of(*each)]
+    people = sorted({run.person for run in runs}, key=int)
+    print(HEADER)
+    score = judged(runs, dict.fromkeys(people, step_score.trained()))
+    print(score.row("score, as it ships"))
+    for name, pipeline, parameters in RIVALS[:-1]:
+        print(rival(walks, pipeline, None, parameters).row(name), flush=True)
+    narrow, wide = metronome(runs)
+    print(f"{'metronome in the walk':26} {narrow:.3f} / {wide:.3f}")
+    by_person = [f"{p} {score.people[p][0].f1:.3f} / {score.people[p][1].f1:.3f}" for p in people]
+    print("score by person:", ", ".join(by_person))
+    extra_steps(options.walks, runs)
+    feet(options.walks)
+
+
+if __name__ == "__main__":
+    main()
