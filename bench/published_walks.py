@@ -10,6 +10,7 @@ from; the nine of even number it has never seen, and of nobody the sensors of th
 - Steps of the nine people, by what ships and by its rivals, which have the placement stated.
 - What feet do beside steps that the truth has not: whether one swings in the half second before as
   fast as in 99 of 100 steps that it has.
+- Where sensors are guessed to be, of the nine people.
 - Tracks of both feet of a walk: where they end, each turned so that its farthest point lies in one
   direction. They should lie as far from each other as feet stand, within what both claim; the
   walker may stop elsewhere than he began.
@@ -29,6 +30,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from foot_accuracy import CHI2_90, Said
+from placement_guess import Case, guess_of, table
 from step_accuracy import read
 from step_people import HEADER, RIVALS, WIDE_S, judged, metronome, rival, whole
 from train_step_score import candidates, runs_of
@@ -164,6 +166,25 @@ def where(run: Run, time_s: float) -> str:
     return "in a turn" if turning else "between steps straight on"
 
 
+def guessed(path: Path) -> tuple[str, str]:
+    """Return where a sensor was worn and is guessed to be."""
+    worn = "lower back" if path.stem.endswith("lb") else "foot"
+    with tempfile.TemporaryDirectory() as scratch:
+        guess = guess_of(Case(worn, *write(path, Path(scratch), "/imu")))
+    return worn, "no guess" if guess is None else guess.site
+
+
+def placements(folder: Path) -> None:
+    """Print where sensors are guessed to be."""
+    paths = [path for path in sorted(folder.glob("*.txt")) if not int(path.name.split("-")[0]) % 2]
+    counts: dict[str, Counter[str]] = {"lower back": Counter(), "foot": Counter()}
+    with Pool() as pool:
+        for worn, place in pool.map(guessed, paths, chunksize=4):
+            counts[worn][place] += 1
+    print()
+    table("placement", counts)
+
+
 class FootEnd(NamedTuple):
     """Where the track of a foot ends: place, covariance, and the part of samples lost."""
 
@@ -252,6 +273,7 @@ def main() -> None:
     by_person = [f"{p} {score.people[p][0].f1:.3f} / {score.people[p][1].f1:.3f}" for p in people]
     print("score by person:", ", ".join(by_person))
     extra_steps(options.walks, runs)
+    placements(options.walks)
     feet(options.walks)
 
 
