@@ -14,6 +14,7 @@ from; the nine of even number it has never seen, and of nobody the sensors of th
 - Tracks of both feet of a walk: where they end, each turned so that its farthest point lies in one
   direction. They should lie as far from each other as feet stand, within what both claim; the
   walker may stop elsewhere than he began.
+- How far the lower back comes by the lengths of its steps, nothing calibrated, against its feet.
 """
 
 from __future__ import annotations
@@ -185,32 +186,53 @@ def placements(folder: Path) -> None:
     table("placement", counts)
 
 
-class FootEnd(NamedTuple):
-    """Where the track of a foot ends: place, covariance, and the part of samples lost."""
+class Way(NamedTuple):
+    """A track whose farthest point lies on the x axis: where it ends, and how far it came.
 
-    place: Array
+    Covariances are those of its end, and of the farthest point along the axis; ``lost`` is the part
+    of the samples that was lost.
+    """
+
+    end: Array
     covariance: Array
+    farthest_m: float
+    variance_m2: float
     lost: float
 
 
-def foot_end(path: Path) -> FootEnd | None:
-    """Replay a foot; its farthest point lies on the x axis."""
+def way_of(path: Path, topic: str, pipeline: str) -> Way | None:
+    """Replay a sensor; None where it gives no track."""
     with tempfile.TemporaryDirectory() as scratch:
-        table, columns = write(path, Path(scratch), "/imu/foot")
-        file, sink = Path(scratch) / "foot.mcap", Said()
+        table, columns = write(path, Path(scratch), topic)
+        file, sink = Path(scratch) / "walk.mcap", Said()
         import_recording([table], file, map_path=columns)
         with Recording.open(file) as recording:
-            replay(Source(recording), build_pipeline(load_pipeline("foot-inertial")), [sink])
+            replay(Source(recording), build_pipeline(load_pipeline(pipeline)), [sink])
     if not sink.points:
         return None
     places = np.array([(p.x_m, p.y_m) for p in sink.points])
+    spreads = np.array(
+        [[(p.covariance[0], p.covariance[1]), p.covariance[1:]] for p in sink.points]
+    )
     places -= places[0]
-    x, y = places[np.argmax(np.hypot(*places.T))]
+    far = int(np.argmax(np.hypot(*places.T)))
+    x, y = places[far]
     turn = np.array([[x, y], [-y, x]]) / np.hypot(x, y)
-    xx, xy, yy = sink.points[-1].covariance
     counter = values_of(path)[:, 0]
     lost = 1 - len(counter) / (counter[-1] - counter[0] + 1)
-    return FootEnd(turn @ places[-1], turn @ np.array([[xx, xy], [xy, yy]]) @ turn.T, float(lost))
+    end = turn @ places[-1], turn @ spreads[-1] @ turn.T
+    along = turn[0] @ spreads[far] @ turn[0]
+    return Way(*end, float(np.hypot(x, y)), float(along), float(lost))
+
+
+def foot_way(path: Path) -> Way | None:
+    """Return the way of a foot."""
+    return way_of(path, "/imu/foot", "foot-inertial")
+
+
+def back_way(path: Path) -> Way | None:
+    """Return the way of the lower back, reckoned by its steps."""
+    return way_of(path, "/imu/waist", "pedestrian")
 
 
 @dataclass(frozen=True)
@@ -223,26 +245,26 @@ class Pair:
     lost: float
 
 
-def pair_of(left: FootEnd, right: FootEnd) -> Pair:
+def pair_of(left: Way, right: Way) -> Pair:
     """Compare where the tracks of two feet end."""
-    off = left.place - right.place
+    off = left.end - right.end
     spread = left.covariance + right.covariance + APART_M**2 * np.eye(2)
     claimed = float(np.sqrt(CHI2_90 * np.linalg.eigvalsh(spread)[-1]))
     square = float(off @ np.linalg.solve(spread, off))
     return Pair(float(np.hypot(*off)), claimed, square, max(left.lost, right.lost))
 
 
-def feet(folder: Path) -> None:
-    """Print how far apart the tracks of both feet end."""
-    paths = sorted([*folder.glob("*_lf.txt"), *folder.glob("*_rf.txt")])
+def tracks(folder: Path) -> None:
+    """Print how far apart the tracks of both feet end, and how far the back came by its steps."""
+    codes = sorted(path.name.removesuffix("_lb.txt") for path in folder.glob("*_lb.txt"))
+    ways = []
     with Pool() as pool:
-        ends = dict(zip(paths, pool.map(foot_end, paths, chunksize=4), strict=True))
-    pairs = []
-    for path in paths[::2]:
-        other = path.with_name(path.name.replace("_lf", "_rf"))
-        left, right = ends[path], ends[other]
-        if left is not None and right is not None:
-            pairs.append(pair_of(left, right))
+        for side, way in (("lf", foot_way), ("rf", foot_way), ("lb", back_way)):
+            ways.append(
+                pool.map(way, [folder / f"{code}_{side}.txt" for code in codes], chunksize=4)
+            )
+    walks = [one for one in zip(codes, *ways, strict=True) if None not in one]
+    pairs = [pair_of(left, right) for _, left, right, _ in walks]
     print("\nlost samples     walks   feet apart: median, 90 of 100, most   claimed   within 90 %")
     for low, high in itertools.pairwise(LOST):
         some = [pair for pair in pairs if low <= pair.lost < high]
@@ -253,6 +275,17 @@ def feet(folder: Path) -> None:
             f"{np.percentile(apart, 90):7.2f} m {apart.max():6.2f} m "
             f"{np.median([pair.claimed_m for pair in some]):8.2f} m {within:7} of {len(some)}"
         )
+    parts: dict[str, list[float]] = {}
+    off = []
+    for code, left, right, back in walks:
+        true_m = (left.farthest_m + right.farthest_m) / 2
+        parts.setdefault(code.split("-")[0], []).append(back.farthest_m / true_m - 1)
+        off.append((back.farthest_m - true_m) / np.sqrt(back.variance_m2))
+    people = sorted(float(np.median(part)) for part in parts.values())
+    sizes = [np.mean(np.abs(off) <= quantile) for quantile in (1.0, 1.645)]
+    print(f"\nway of the back by its steps, against that of its feet, {len(people)} people: from")
+    print(f"{people[0]:+.0%} to {people[-1]:+.0%}, in the median {np.median(people):+.1%}; within")
+    print(f"68 % of what it claims {sizes[0]:.2f}, within 90 % {sizes[1]:.2f} of {len(off)} walks")
 
 
 def main() -> None:
@@ -274,7 +307,7 @@ def main() -> None:
     print("score by person:", ", ".join(by_person))
     extra_steps(options.walks, runs)
     placements(options.walks)
-    feet(options.walks)
+    tracks(options.walks)
 
 
 if __name__ == "__main__":
