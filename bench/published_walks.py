@@ -10,7 +10,7 @@ from; the nine of even number it has never seen, and of nobody the sensors of th
 - Steps of the nine people, by what ships and by its rivals, which have the placement stated.
 - What feet do beside steps that the truth has not: whether one swings in the half second before as
   fast as in 99 of 100 steps that it has.
-- Where sensors are guessed to be, of the nine people.
+- Types of their steps, which are all forward, and where their sensors are guessed to be.
 - Tracks of both feet of a walk: where they end, each turned so that its farthest point lies in one
   direction. They should lie as far from each other as feet stand, within what both claim; the
   walker may stop elsewhere than he began.
@@ -32,8 +32,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from foot_accuracy import CHI2_90, Said
 from placement_guess import Case, guess_of, table
-from step_accuracy import read
+from step_accuracy import Walk, read
 from step_people import HEADER, RIVALS, WIDE_S, judged, metronome, rival, whole
+from step_type_accuracy import forward, told
 from train_step_score import candidates, runs_of
 
 from groundtrace.detectors import step_score
@@ -93,23 +94,47 @@ def write(path: Path, folder: Path, topic: str) -> tuple[Path, Path]:
     return table, columns
 
 
-def walks_of(folder: Path) -> list[tuple[str, str, object]]:
+def write_back(path: Path, folder: Path) -> tuple[Path, Path, Path]:
+    """Write a published walk of a lower back as CSV, its map and its truth; return their paths."""
+    described = json.loads(Path(str(path).replace("_lb.txt", ".json")).read_text())
+    events = described["LeftFootEvents"] + described["RightFootEvents"]
+    contacts = sorted(end / RATE_HZ for _, end in events)
+    truth = folder / "truth.csv"
+    truth.write_text("time_s,kind\n" + "".join(f"{t:g},step\n" for t in contacts))
+    return *write(path, folder, "/imu"), truth
+
+
+def unseen(folder: Path) -> list[Path]:
+    """Return the walks of lower backs of the people that the score of steps has not seen."""
+    paths = sorted(folder.glob("*_lb.txt"))
+    return [path for path in paths if not int(path.name.split("-")[0]) % 2]
+
+
+def walks_of(folder: Path) -> list[tuple[str, str, Walk]]:
     """Return person, name and walk of the people that the score of steps has not seen."""
     walks = []
-    for path in sorted(folder.glob("*_lb.txt")):
+    for path in unseen(folder):
         code = path.name.removesuffix("_lb.txt")
-        person = code.split("-")[0]
-        if int(person) % 2:
-            continue
-        described = json.loads(path.with_name(f"{code}.json").read_text())
-        events = described["LeftFootEvents"] + described["RightFootEvents"]
-        contacts = sorted(end / RATE_HZ for _, end in events)
         with tempfile.TemporaryDirectory() as scratch:
-            table, columns = write(path, Path(scratch), "/imu")
-            truth = Path(scratch) / "truth.csv"
-            truth.write_text("time_s,kind\n" + "".join(f"{t:g},step\n" for t in contacts))
-            walks.append((person, f"back-steps {code}", read(table, columns, truth)))
+            walks.append(
+                (code.split("-")[0], f"back-steps {code}", read(*write_back(path, Path(scratch))))
+            )
     return walks
+
+
+def types_of(path: Path) -> Counter[str]:
+    """Return the types of the steps of a walk."""
+    with tempfile.TemporaryDirectory() as scratch:
+        table, columns, _ = write_back(path, Path(scratch))
+        return forward([(table, columns)])
+
+
+def types(folder: Path) -> None:
+    """Print how many steps are called forward: all are."""
+    with Pool() as pool:
+        counted = sum(pool.map(types_of, unseen(folder), chunksize=4), Counter())
+    print("\ntypes of steps")
+    told("nine people", counted)
 
 
 class Rates:
@@ -306,6 +331,7 @@ def main() -> None:
     by_person = [f"{p} {score.people[p][0].f1:.3f} / {score.people[p][1].f1:.3f}" for p in people]
     print("score by person:", ", ".join(by_person))
     extra_steps(options.walks, runs)
+    types(options.walks)
     placements(options.walks)
     tracks(options.walks)
 
