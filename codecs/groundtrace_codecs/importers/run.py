@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Protocol, cast
 
-from ..errors import FormatError, SchemaError, did_you_mean
+from ..errors import Error, FormatError, SchemaError, did_you_mean
 from ..geometry import Geometry, geometry_warnings
 from ..signals import NS_PER_S
 from ..truth import EARLY_NS, names_of, read_truth, unmatched_names
@@ -466,11 +466,20 @@ def check_needs_map(table: Path) -> None:
             f"import --guess: expected a text table, found {MAPPED[importer.name]}: write its map "
             f"by hand, and give it with --map"
         )
-    if importer.sniff(table) >= CERTAIN:
+    if importer.sniff(table) >= CERTAIN and _reads(importer, table):
         raise FormatError(
             f"import --guess: expected a table that needs a map, found one that the importer "
             f"{importer.name} reads by itself: groundtrace import {table} -o OUT.mcap"
         )
+
+
+def _reads(importer: Importer, table: Path) -> bool:
+    """Return whether an importer can read a file without a map."""
+    try:
+        importer.read([table], None)
+    except Error:
+        return False
+    return True
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:

@@ -1,6 +1,7 @@
 """Importer for the text that Xsens MT Manager exports: one file per sensor.
 
-A file has comments of ``//``, a row of names and rows of numbers. Units are those of the manual:
+A file has comments of ``//``, a row of names and rows of numbers; what was made of such a file may
+have a line of another kind before the names. Units are those of the manual:
 m/s2, rad/s, degrees, and for the magnetometer the field where it was calibrated (MTw Awinda User
 Manual, "Exporting data": a.u.). Older versions write ``Counter`` and ``Sample rate``, newer ones
 ``PacketCounter`` and, not always, ``Update Rate``.
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 _HEAD_BYTES = 4096
 _NAMES = re.compile(rb"^[^/\r\n]*\b(?:Packet)?Counter\b[^\r\n]*\b(?:Acc|Gyr|Mag)_X\b", re.M)
-_RATE = re.compile(r"(?:Update|Sample) Rate:\s*(\d+(?:\.\d+)?)\s*Hz", re.I)
+_RATE = re.compile(r"\b(?:rate|frequency):\s*(\d+(?:\.\d+)?)\s*Hz", re.I)
 _DEVICE = re.compile(r"Device ?Id:\s*([0-9A-F]{8})\b", re.I)
 _DEVICE_IN_NAME = re.compile(r"_([0-9A-F]{8})$", re.I)
 _DELIMITERS = ("\t", ";", ",")
@@ -129,7 +130,7 @@ class XsensImporter:
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """The rows of one sensor, its id, and the rate the comments tell, if they do [Hz]."""
+    """The rows of one sensor, its id, and the rate that is told before them, if it is [Hz]."""
 
     table: TextTable
     device: str
@@ -140,16 +141,24 @@ def _open(path: Path) -> _File:
     """Read a file; the sensor's id is in the comments or ends the file's name."""
     with path.open("rb") as file:
         # of bytes: a text ends its lines at a form feed, too, which a table does not
-        lines = [line.decode("latin-1") for line in file.read(_HEAD_BYTES).splitlines()]
-    comments = "\n".join(line for line in lines if line.lstrip("\ufeffï»¿").startswith("//"))
-    names = next((line for line in lines if line and not line.startswith(("//", "ï»¿//"))), "")
-    delimiter = max(_DELIMITERS, key=names.count)
-    layout = partial(ImportMap, "xsens", delimiter=delimiter, comment="//", encoding="utf-8-sig")
+        lines = file.read(_HEAD_BYTES).splitlines()
+    at = next((i for i, line in enumerate(lines) if _NAMES.search(line)), 0)
+    head = [line.decode("latin-1").removeprefix("ï»¿") for line in lines[:at]]
+    skipped = sum(not line.lstrip('"').startswith("//") for line in head if line)
+    delimiter = max(_DELIMITERS, key=lines[at].decode("latin-1").count)
+    layout = partial(
+        ImportMap,
+        "xsens",
+        delimiter=delimiter,
+        comment="//",
+        skip_rows=skipped,
+        encoding="utf-8-sig",
+    )
     header = names_of_columns(path, layout(stream=()))
     columns = tuple(ColumnMap(name, "", "") for name in header if name)
     table = TextTable.load(path, layout(stream=(StreamMap("/", columns),)))
-    rate = _RATE.search(comments)
-    device = _DEVICE.search(comments) or _DEVICE_IN_NAME.search(path.stem)
+    rate = _RATE.search("\n".join(head))
+    device = _DEVICE.search("\n".join(head)) or _DEVICE_IN_NAME.search(path.stem)
     return _File(
         table, device[1].upper() if device else path.stem, float(rate[1]) if rate else None
     )
@@ -286,7 +295,8 @@ def _elapsed(
         return ticks * (NS_PER_S // _ticks_hz(ticks, rate_hz))
     if not rate_hz:
         raise FormatError(
-            f"{table.name}: expected // Update Rate or {_FINE} in every row, found neither"
+            f"{table.name}: expected // Update Rate or {_FINE} in every row, found neither; a map "
+            f"can state the rate: groundtrace import {table.name} --guess writes one"
         )
     if counter is None:
         counter = np.arange(len(table.lines), dtype=np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import FormatError, SchemaError
-from groundtrace_codecs.importers.run import choose, import_recording
+from groundtrace_codecs.importers.run import check_needs_map, choose, import_recording
 from groundtrace_codecs.importers.time import unwrapped
 from groundtrace_codecs.importers.xsens import XsensImporter
 
@@ -217,9 +217,24 @@ def test_without_a_rate_or_fine_times_it_is_refused_in_one_line(tmp_path: Path) 
     path = write(tmp_path / "a.txt", NEW.format(rate=""), names, rows)
     with pytest.raises(
         FormatError,
-        match=r"a.txt: expected // Update Rate or SampleTimeFine in every row, found neither",
+        match=r"a.txt: expected // Update Rate or SampleTimeFine in every row, found neither; a "
+        r"map can state the rate: groundtrace import a.txt --guess writes one",
     ):
         read(path)
+    check_needs_map(path)
+
+
+@pytest.mark.parametrize("before", ["", "\ufeff", "a line of no kind\n\n"])
+@pytest.mark.parametrize("word", ["Acquisition frequency", "Sampling rate"])
+def test_a_line_before_the_names_may_tell_the_rate(tmp_path: Path, before: str, word: str) -> None:
+    rows = [[f"{i}.0", *m] for i, m in enumerate(motion(9)) if i not in (3, 4)]
+    names = ["PacketCounter", *IMU]
+    path = write(tmp_path / "a.txt", f"{before}{word}: 50 Hz\n", names, rows)
+    found = read(path)
+    assert (
+        np.diff(times_of(found, "/imu")).tolist()
+        == [20_000_000] * 2 + [60_000_000] + [20_000_000] * 3
+    )
 
 
 def test_two_files_of_one_sensor_are_refused(tmp_path: Path) -> None:
