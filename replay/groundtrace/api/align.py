@@ -445,7 +445,8 @@ def steps_by_replay(
     finding = tuple(s for s in config.stage if detects(kinds[s.use]) or associates(kinds[s.use]))
     event_list = EventList()
     chain = build_pipeline(replace(config, stage=finding), labels=recording.labels)
-    replay(Source(recording), chain, [event_list], progress=progress)
+    source = Source(recording, bridge_s=chain.bridge_s)
+    replay(source, chain, [event_list], progress=progress)
     return AlignmentEvents(_steps(event_list.events), recording.start_ns, recording.end_ns)
 
 

@@ -254,7 +254,7 @@ def _replayer(
             first = opened.start_ns
             with progress((opened.end_ns - first) / NS_PER_S, "replaying") as show:
                 replay(
-                    Source(opened),
+                    Source(opened, bridge_s=chain.bridge_s),
                     chain,
                     [event_list],
                     progress=lambda time_ns: show((time_ns - first) / NS_PER_S),

@@ -297,6 +297,7 @@ class PlannedReplay:
             start_ns=start_ns,
             stop_ns=stop_ns,
             block_s=block_s,
+            bridge_s=self.ready.chain.bridge_s,
             in_whole=True,
         )
         return with_warnings(source, self.ready.looked_at)

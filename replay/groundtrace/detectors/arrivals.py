@@ -59,6 +59,10 @@ COLUMNS = (Quantity("ratio", "1"), Quantity("uncertainty", "s"))
 #: and the first half period of a footstep's wave after it.
 RISE_WINDOWS_S = ((0.010, 0.005),)
 NOTHING = Candidates.empty(len(COLUMNS))
+#: A picker takes a gap of up to so long filled [s]. Chosen by trial on simulated rooms (bench:
+#: lost_packets.py -> up to 50 ms make no false step, 70 ms do): half of what the noise is averaged
+#: over, so that its level outlives the silence of a line.
+BRIDGED_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Memory, Stage, joined
 from .arrivals import (
+    BRIDGED_S,
     COLUMNS,
     RISE_WINDOWS_S,
     ArrivalSettings,
@@ -147,6 +148,7 @@ class NoiseStatistics(Stage):
     Parameters = NoiseStatisticsParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Pick,)
+    bridges_s = BRIDGED_S
     compiles = ("filters", "frames", "picker")
     columns = (Quantity("level", "1"), *COLUMNS[1:])
     trace = trace_of(Quantity("level", "1"), "signal", "signal")

@@ -25,7 +25,7 @@ from ..dsp.noise import CellReducer
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Memory, Stage, joined
-from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker, Refine, picker_memory
+from .arrivals import BRIDGED_S, COLUMNS, ArrivalSettings, ArrivalTracker, Refine, picker_memory
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ class StaLtaPicker(Stage):
     Parameters = StaLtaParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Pick,)
+    bridges_s = BRIDGED_S
     compiles = ("filters", "frames", "picker")
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "slope", "signal")

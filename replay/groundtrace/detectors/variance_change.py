@@ -28,6 +28,7 @@ from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Input, Memory, Stage
 from .arrivals import (
+    BRIDGED_S,
     COLUMNS,
     RISE_WINDOWS_S,
     ArrivalSettings,
@@ -151,6 +152,7 @@ class VarianceChange(Stage):
     Parameters = VarianceChangeParameters
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Pick,)
+    bridges_s = BRIDGED_S
     compiles = ("frames", "maxima", "picker")
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "signal", "signal")

@@ -342,7 +342,7 @@ def measure_evidence(
         geometry = None if scored_event(config) == "step" else recording.geometry
         config, lines, _ = with_placements(config, recording)
         chain = build_pipeline(config, geometry, recording.labels)
-        replay(Source(recording), chain, [sink])
+        replay(Source(recording, bridge_s=chain.bridge_s), chain, [sink])
         notes = [Note(recording.start_ns, text, "WARN", PLACEMENT) for text in lines]
         return Evidence(
             path.name,

@@ -18,6 +18,7 @@ from groundtrace_codecs.events import CandidateBlock
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
+from ..pipeline.chain import bridge_of
 from ..pipeline.parameters import StageConfig, build
 from ..pipeline.plugins import stage_named
 from ..pipeline.results import Unmuted, recording_in, stage_evidence
@@ -174,7 +175,7 @@ class Unfiltered:
             columns = stream.columns_of(wanted_quantities(kind))
             beside = round(BESIDE_S * NS_PER_S)
             span = (start_ns - beside, end_ns + beside)
-            source = Source(recording, topics={stream.topic}, start_ns=span[0], stop_ns=span[1])
+            source = self._source_within(recording, stream.topic, *span)
             blocks = [item for item in source if isinstance(item, SignalBlock)]
         if not blocks:
             return None
@@ -202,6 +203,15 @@ class Unfiltered:
             self._measured[key] = self._measure(part, start_ns, start_ns + length)
         return self._measured[key]
 
+    def _source_within(
+        self, recording: Recording, topic: str, start_ns: int, stop_ns: int
+    ) -> Source:
+        """Return what a stream holds of a span, as the pipeline took it."""
+        bridge_s = bridge_of(stage_named(stage.use) for stage in self._stages.values())
+        return Source(
+            recording, topics={topic}, start_ns=start_ns, stop_ns=stop_ns, bridge_s=bridge_s
+        )
+
     def _measure(self, part: StageEvidence, start_ns: int, end_ns: int) -> StageEvidence | None:
         worker = unfiltered_kind(self._stages[part.spec.stage])
         if worker is None or not self.at_hand or self._source is None:
@@ -215,7 +225,7 @@ class Unfiltered:
             if spec.topic not in {stream.topic for stream in recording.streams}:
                 return None
             span = (start_ns - round(BEFORE_S * NS_PER_S), end_ns + round(AFTER_S * NS_PER_S))
-            for item in Source(recording, topics={spec.topic}, start_ns=span[0], stop_ns=span[1]):
+            for item in self._source_within(recording, spec.topic, *span):
                 events += list(stage.process(item))
         events += list(stage.flush())
         parts = stage_evidence(events, [spec.stage])

@@ -579,7 +579,7 @@ class Replayed:
 def in_one_go(_: Task, opened: Recording, ready: Prepared) -> Replayed:
     """Replay a recording from its begin to its end, in this process."""
     sink = EventList()
-    items = with_warnings(Source(opened), ready.looked_at)
+    items = with_warnings(Source(opened, bridge_s=ready.chain.bridge_s), ready.looked_at)
     tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
     return Replayed(tuple(sink.events), tally.samples, opened.damage)
 

@@ -22,6 +22,7 @@ from groundtrace_codecs.toml import toml_value
 from ..errors import PipelineError
 from .parameters import build, describe
 from .plugins import stage_named
+from .source import BRIDGE_S
 from .stage import Memory, StageRunner
 from .track_check import TrackCheck, Tracking
 
@@ -69,6 +70,11 @@ class Pipeline:
         if any(getattr(stage, "in_step", False) for stage in self.stages):
             return False
         return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
+
+    @property
+    def bridge_s(self) -> float:
+        """How long a gap may be that is filled for all of its stages [s]."""
+        return bridge_of(kind for stage in self.stages if (kind := getattr(stage, "kind", None)))
 
     @property
     def compiles(self) -> set[str]:
@@ -355,6 +361,12 @@ class StageOutput:
                 ordered += made.events()
         ordered += self.last
         return ordered
+
+
+def bridge_of(kinds: Iterable[type[Stage]]) -> float:
+    """Return how long a gap may be that is filled for stages of these kinds [s]."""
+    signal = (k for k in kinds if any(need.kind is SignalBlock for need in k.takes))
+    return min((k.bridges_s for k in signal), default=BRIDGE_S)
 
 
 def propagate(line: list[StageOutput], stages: Sequence[Taking]) -> None:

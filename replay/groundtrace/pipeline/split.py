@@ -270,7 +270,7 @@ def replay_span(recording: Recording, pipeline: Pipeline, span: Span) -> SpanRep
             if isinstance(stage, StageRunner) and stage.name in span_stages | measured
         ]
     )
-    source = _source_of(recording, span)
+    source = _source_of(recording, span, pipeline.bridge_s)
     items: list[tuple[Unit | Gap, Made]] = []
     recent: list[tuple[int, list[Event]]] = []
     stated: set[tuple[str, str]] = set()
@@ -306,9 +306,9 @@ def replay_span(recording: Recording, pipeline: Pipeline, span: Span) -> SpanRep
     return SpanReplay(items, None, begin, standing(span.stop), recording.damage)
 
 
-def _source_of(recording: Recording, span: Span) -> Source:
+def _source_of(recording: Recording, span: Span, bridge_s: float) -> Source:
     """Return the source of a span: from its warm-up on."""
-    source = Source(recording)
+    source = Source(recording, bridge_s=bridge_s)
     if span.warm is None:
         return source
     late_ns = max(lag.high_ns for _, lag in recording.readers.values())
@@ -317,9 +317,9 @@ def _source_of(recording: Recording, span: Span) -> Source:
     if span.runs is not None:
         runs = {t: RunBefore(start_ns, *begin) for t, begin in span.runs.items()}
     else:
-        indexed_runs = runs_before(recording, topics, start_ns)
+        indexed_runs = runs_before(recording, topics, start_ns, bridge_s)
         runs = _without_gap(recording, topics, start_ns) if indexed_runs is None else indexed_runs
-    return Source(recording, start_ns=start_ns, runs=runs)
+    return Source(recording, start_ns=start_ns, bridge_s=bridge_s, runs=runs)
 
 
 def _without_gap(

@@ -40,7 +40,7 @@ from groundtrace_codecs.signals import NS_PER_S, QUANTITIES, UNKNOWN_UNITS, Sign
 from .buffers import SignalBuffer, StreamSynchronizer
 from .gates import Candidates, Gate, GateState, decided_block, gate_specs, never_passed
 from .parameters import describe, given_waypoints
-from .source import NonFiniteHold
+from .source import BRIDGE_S, NonFiniteHold
 
 if TYPE_CHECKING:
     from collections import deque
@@ -263,6 +263,8 @@ class Stage(Protocol):
     - ``scope``: what one instance is for: a topic, the streams of one placement, the recording;
     - ``ends_at``: what ends a run, which is ``flush``, then ``start`` before the next item;
       ``gap`` is any that is not bridged. Gates begin anew at a clock step alone;
+    - ``bridges_s``: the longest gap that is to be filled by straight lines instead of ending a run
+      [s]. Of all stages of a pipeline that take signal the shortest counts;
     - ``rounds``: quantities of the streams of one window: those named before the last are given
       first, the last one after all others: what stands beside it is then known. Empty: streams come
       as they do;
@@ -304,6 +306,7 @@ class Stage(Protocol):
     trace: tuple[Quantity, ...] = ()
     scope: ClassVar[Literal["topic", "placement", "recording"]] = "topic"
     ends_at: ClassVar[Literal["gap", "clock step"]] = "gap"
+    bridges_s: ClassVar[float] = BRIDGE_S
     rounds: ClassVar[tuple[str, ...]] = ()
     feedback: ClassVar[bool] = False
     site_lengths: ClassVar[bool] = False

@@ -1,0 +1,150 @@
+"""What lost packets of a recorder do to steps in rooms and to vehicles.
+
+    python bench/lost_packets.py [--seeds 3 4 5]
+
+Rooms and vehicles are simulated; packets of one length, all channels at once, are left out at
+random times, and each recording is replayed with gaps filled up to every limit. Steps found and
+false; of vehicles passes found and false, what their moments are off, and how many fixes and points
+of tracks there are. The limits that ship, ``bridges_s`` of pickers and of vehicles' stages, were
+chosen here with seeds 3 and 4; others report.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace.cli.main import main as groundtrace
+from groundtrace.evaluation.matching import match
+from groundtrace.pipeline.chain import build_pipeline
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.pipeline.engine import EventList, replay
+from groundtrace.pipeline.source import Source
+from groundtrace_codecs.events import Fix, Pass, StepEvent, TrackPoint
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.writer import write_recording
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Event
+
+#: Lengths of packets [ms], and the limits that are tried [s]; None is what ships.
+ROOM_MS, ROOM_LIMITS_S = (20, 50, 70, 90, 150), (0.02, 0.05, 0.1, None)
+VEHICLE_MS, VEHICLE_LIMITS_S = (90, 110, 200, 300, 500), (0.1, 0.3, 0.6, None)
+#: Lost packets a second.
+ROOM_RATE, VEHICLE_RATE = 1.0, 0.2
+STEP_S, PASS_S = 0.12, 1.0
+
+
+def lose(source: Path, out: Path, packet_s: float, rate: float) -> None:
+    """Write a recording without some packets of its only stream."""
+    rng = np.random.default_rng(0)
+    with Recording.open(source) as recording:
+        (stream,) = recording.streams
+        (block,) = Source(recording, block_s=1e6)
+        length, margin = round(packet_s * stream.rate_hz), round(0.05 * stream.rate_hz)
+        count = round(rate * len(block) / stream.rate_hz)
+        starts = np.sort(rng.integers(margin, len(block) - 2 * length - margin, count))
+        parts, done = [], 0
+        for start in starts.tolist():
+            if start > done + margin:
+                parts.append(block.slice(done, start))
+                done = start + length
+        parts.append(block.slice(done, len(block)))
+        write_recording(
+            out,
+            [(stream, "f32le", parts)],
+            geometry=recording.geometry,
+            labels=recording.labels,
+            force=True,
+        )
+
+
+def replayed(path: Path, pipeline: str, limit_s: float | None) -> tuple[list[Event], Recording]:
+    """Return the events of a replay with gaps filled up to a limit."""
+    sink = EventList()
+    with Recording.open(path) as recording:
+        chain = build_pipeline(load_pipeline(pipeline), recording.geometry, recording.labels)
+        bridge_s = chain.bridge_s if limit_s is None else limit_s
+        replay(Source(recording, bridge_s=bridge_s), chain, [sink])
+        return sink.events, recording
+
+
+def steps(path: Path, limit_s: float | None) -> tuple[int, int]:
+    """Return how many steps of a room are found, and how many are false."""
+    events, recording = replayed(path, "room-steps", limit_s)
+    found = np.array(sorted(e.time_ns for e in events if isinstance(e, StepEvent))) / NS_PER_S
+    true = np.array([x.time_ns for x in recording.labels if x.kind == "step"]) / NS_PER_S
+    pairs = match(true, found, STEP_S)
+    return len(pairs), len(found) - len(pairs)
+
+
+def vehicles(path: Path, limit_s: float | None) -> tuple[int, int, float, int]:
+    """Return passes found and false, their median error [s], and points of tracks."""
+    events, recording = replayed(path, "vehicle-passes", limit_s)
+    found = np.array(sorted(e.time_ns for e in events if isinstance(e, Pass))) / NS_PER_S
+    true = np.array([x.time_ns for x in recording.labels if x.kind == "pass"]) / NS_PER_S
+    pairs = match(true, found, PASS_S)
+    off = np.abs(found[pairs[:, 1]] - true[pairs[:, 0]])
+    tracked, _ = replayed(path, "vehicle-tracks", limit_s)
+    points = sum(isinstance(e, (Fix, TrackPoint)) for e in tracked)
+    return (
+        len(pairs),
+        len(found) - len(pairs),
+        float(np.median(off)) if len(off) else np.nan,
+        points,
+    )
+
+
+def named(limit_s: float | None) -> str:
+    """Return how a limit is called in a table."""
+    return "as ships" if limit_s is None else f"{1e3 * limit_s:.0f} ms"
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4, 5, 6])
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        made = {}
+        for kind in ("room", "vehicle"):
+            made[kind] = [folder / f"{kind}{seed}.mcap" for seed in options.seeds]
+            for seed, path in zip(options.seeds, made[kind], strict=True):
+                groundtrace(["simulate", kind, "--seed", str(seed), "--out", str(path)])
+        lossy = folder / "lossy.mcap"
+        print("rooms: steps found, false; by the length of lost packets, one a second")
+        print(f"{'filled up to':12}" + "".join(f"{ms:7} ms" for ms in (0, *ROOM_MS)))
+        for limit_s in ROOM_LIMITS_S:
+            cells = []
+            for ms in (0, *ROOM_MS):
+                total = np.zeros(2, int)
+                for path in made["room"]:
+                    lose(path, lossy, ms / 1e3, ROOM_RATE if ms else 0.0)
+                    total += steps(lossy, limit_s)
+                cells.append(f"{total[0]:6},{total[1]:3}")
+            print(f"{named(limit_s):12}" + "".join(cells), flush=True)
+        print("vehicles: passes found, false, moments off [s], fixes and points of tracks")
+        print(f"{'filled up to':12}" + "".join(f"{ms:17} ms" for ms in (0, *VEHICLE_MS)))
+        for limit_s in VEHICLE_LIMITS_S:
+            cells = []
+            for ms in (0, *VEHICLE_MS):
+                rows = []
+                for path in made["vehicle"]:
+                    lose(path, lossy, ms / 1e3, VEHICLE_RATE if ms else 0.0)
+                    rows.append(vehicles(lossy, limit_s))
+                found, false, off, points = np.array(rows).T
+                cells.append(
+                    f"{found.sum():6.0f},{false.sum():3.0f},{np.nanmedian(off):5.2f},"
+                    f"{points.sum():4.0f}"
+                )
+            print(f"{named(limit_s):12}" + "".join(cells), flush=True)
+
+
+if __name__ == "__main__":
+    main()
