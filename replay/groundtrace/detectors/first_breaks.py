@@ -32,6 +32,7 @@ from ..dsp.filters import SampleClock, SampleHistory, SmoothedSlope, planar
 from ..dsp.noise import cell_length
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
+from ..pipeline.source import BRIDGE_S
 from ..pipeline.stage import Context, Frames, Input, Memory, Stage
 from .trace import FRAME_S, TRACE, FrameTrace, trace_of
 
@@ -299,6 +300,7 @@ class FirstBreaks(Stage):
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES), Input(Label, required=False))
     gives = (Pick,)
     compiles = ("filters", "frames", "maxima", "picker", "tracking")
+    bridges_s = BRIDGE_S
     columns = (
         Quantity("rise", "1"),
         Quantity("deficit", "1"),

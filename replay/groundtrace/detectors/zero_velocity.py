@@ -20,6 +20,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..dsp.filters import WeightedSums, planar
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
+from ..pipeline.source import BRIDGE_S
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage
 from .trace import FrameTrace, trace_of
 
@@ -92,6 +93,7 @@ class ZeroVelocityDetector(Stage):
     takes = (Input(SignalBlock, frozenset({"acceleration", "angular_velocity"})),)
     gives = (StepEvent,)
     compiles = ("filters", "frames", "grid", "steps")
+    bridges_s = BRIDGE_S
     columns = (Quantity("stillness", "1"), Quantity("duration", "s"), Quantity("motion", "1"))
     sought = "the begin of a stance"
     trace = trace_of(Quantity("stillness", "1"), "1", "m/s2")

@@ -14,7 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .. import kernels
 from ..pipeline.gates import Candidates, Level
-from ..pipeline.source import NonFiniteHold
+from ..pipeline.source import BRIDGE_S, NonFiniteHold
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 from .frames import columns_of_axes
 from .magnetometer import FootCompass, sigma_of
@@ -422,6 +422,7 @@ class FootNavigator(Stage):
     )
     gives = (TrackPoint,)
     compiles = ("navigation",)
+    bridges_s = BRIDGE_S
     feedback = True
     #: What it takes, in words.
     needs = "three axes of a foot"

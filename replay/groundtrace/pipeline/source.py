@@ -36,8 +36,8 @@ BLOCK_SAMPLES = 3000
 #: Shortest such block, also where one stream is alone and waits for no other, and longest one [s].
 #: Chosen by judgement: what a viewer shows at once, and what memory holds.
 BLOCK_S, ALONE_BLOCK_S, LONGEST_BLOCK_S = 0.5, 2.0, 30.0
-#: Longest gap that is filled instead of ending the run [s]. Chosen by judgement: lost packets are
-#: shorter, and a step is longer.
+#: Longest gap that is filled instead of ending the run [s], where no stage says otherwise. Chosen
+#: by judgement: a foot that stands is as still as a line, but for longer.
 BRIDGE_S = 0.1
 #: It is at least this many sampling intervals. Chosen by judgement: one lost sample is no gap.
 BRIDGE_PERIODS = 2.5

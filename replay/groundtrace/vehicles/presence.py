@@ -64,10 +64,6 @@ RELATIVE_SIGMA = 1 / 3
 _LEAST_PART = 0.5
 
 
-#: A gap of up to so long is taken filled [s]. Chosen by trial on simulated vehicles (bench:
-#: lost_packets.py -> 0.3 s cost nothing, of 0.5 s the ends are taken for passes): a running median
-#: of power leaves out the silence of a line.
-BRIDGED_S = 0.3
 #: A block [ns], and how many a running median takes. Chosen by judgement: a footstep shakes for 0.1
 #: to 0.2 s and a door for 0.3 s, a vehicle of 20 m/s at 5 m for half a second and more.
 BLOCK_NS, _MEDIAN = NS_PER_S // 10, 7
@@ -507,7 +503,6 @@ class VehiclePresence(Stage):
     takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
     gives = (Presence,)
     compiles = ("filters",)
-    bridges_s = BRIDGED_S
     columns = (
         Quantity("over_floor", "dB"),
         Quantity("power", "unit^2"),

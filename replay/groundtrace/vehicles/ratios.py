@@ -40,7 +40,7 @@ from ..pipeline.stage import (
     no_location,
 )
 from .likelihood import best_node, correlation, lattice, locate, solve, squares
-from .presence import BRIDGED_S, AnalyticBand, power
+from .presence import AnalyticBand, power
 from .stations import row_doubt
 
 if TYPE_CHECKING:
@@ -377,7 +377,6 @@ class RatioPlaces(Stage):
     )
     gives = (Fix,)
     compiles = ("filters",)
-    bridges_s = BRIDGED_S
     site_lengths = True
     columns = (
         Quantity("heard", "1"),

@@ -27,7 +27,9 @@ from groundtrace_codecs.writer import write_recording
         ("room-bearings", 0.05),
         ("vehicle-passes", 0.3),
         ("vehicle-tracks", 0.3),
-        ("waist-steps", BRIDGE_S),
+        ("waist-steps", 0.3),
+        ("pedestrian", 0.3),
+        ("hammer-shots", BRIDGE_S),
         ("foot-inertial", BRIDGE_S),
     ],
 )
