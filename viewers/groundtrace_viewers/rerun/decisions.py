@@ -941,26 +941,48 @@ class StepView(View):
     kinds: ClassVar = {StepEvent: step}
 
 
+#: Filled gaps of so long are one line of the log [ns]. Chosen by judgement: a line a second can be
+#: read, one for each lost packet buries the steps.
+GAPS_NS = NS_PER_S
+
+
 class LossView(View):
-    """Interruptions: a lane and log lines."""
+    """Interruptions: a lane and log lines, one for all gaps of a second that were filled."""
 
     def __init__(self, context: ViewContext) -> None:
         self._timeline = context.timeline
         self._lines = context.lines
         self._lane = Lane(context.timeline, GAPS, GAP_COLOURS)
+        self._filled: dict[tuple[str, str], list[Gap]] = {}
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
         self._lane.add(gap.start_ns, gap.reason, gap.end_ns)
-        lasting = f"{(gap.end_ns - gap.start_ns) / 1e6:.1f} ms"
-        state = "state kept" if gap.bridged else "state reset"
-        where = self._timeline.seconds(gap.start_ns)
-        text = f"{where}  {gap.reason} {gap.topic}: {gap.lost} lost, {lasting}, {state}"
-        self._lines.add("gaps", gap.start_ns, text, "WARN")
+        if not gap.bridged:
+            self._say([gap])
+            return
+        filled = self._filled.setdefault((gap.topic, gap.reason), [])
+        if filled and gap.start_ns >= filled[0].start_ns + GAPS_NS:
+            self._say(filled)
+            filled.clear()
+        filled.append(gap)
+
+    def _say(self, gaps: Sequence[Gap]) -> None:
+        first, lost = gaps[0], sum(gap.lost for gap in gaps)
+        lasting = f"{(gaps[-1].end_ns - first.start_ns) / 1e6:.1f} ms"
+        state = "filled, state kept" if first.bridged else "state reset"
+        many = f" in {len(gaps)} gaps within" if len(gaps) > 1 else ","
+        where = self._timeline.seconds(first.start_ns)
+        text = f"{where}  {first.reason} {first.topic}: {lost} lost{many} {lasting}, {state}"
+        self._lines.add("gaps", first.start_ns, text, "INFO" if first.bridged else "WARN")
 
     def flush(self, before_ns: int | None = None) -> None:
-        """Log the lane up to a time."""
+        """Log the lane and the lines up to a time."""
         self._lane.flush(before_ns)
+        for filled in self._filled.values():
+            if filled and (before_ns is None or filled[0].start_ns + GAPS_NS < before_ns):
+                self._say(filled)
+                filled.clear()
 
     kinds: ClassVar = {Gap: gap}
 

@@ -394,7 +394,8 @@ def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
             return None
         return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
     text_of = LISTED.get(type(event))
-    if text_of is None or (isinstance(event, Note) and event.level not in LOUD):
+    quiet = isinstance(event, Note) and event.level not in LOUD
+    if text_of is None or quiet or (isinstance(event, Gap) and event.bridged):
         return None
     listed: Any = event
     return _moment(listed.time_ns, start_ns, EVENTS[type(event)].name, *text_of(event))
