@@ -7,8 +7,8 @@ random times, and each recording is replayed with gaps filled up to every limit.
 false; of vehicles passes found and false, what their moments are off, and how many fixes and points
 of tracks there are. Walkers are ten walks of ``back-steps``, or of the people that
 ``published_walks.py`` tells of, with a packet lost in four seconds: F1 of their steps at 0.12 s,
-and how many tracks ``pedestrian`` gives of a walk. The limits that ship, ``bridges_s`` of stages,
-were chosen here with seeds 3 and 4 and on back-steps; others report.
+how many tracks ``pedestrian`` gives of a walk, and how far ``heading`` is from itself without
+losses. The limits that ship, ``bridges_s`` of stages, were chosen here with seeds 3 and 4 and on back-steps; others report.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
-from groundtrace_codecs.events import Fix, Pass, StepEvent, TrackPoint
+from groundtrace_codecs.events import Fix, Heading, Pass, StepEvent, TrackPoint
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -119,22 +119,40 @@ def walks_of(data: Path, walks: Path | None, folder: Path) -> list[Path]:
     return made
 
 
+def headings(path: Path, limit_s: float | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return times [s], headings [rad] and the mean standard deviation [rad] of a walk."""
+    events, _ = replayed(path, "heading", limit_s)
+    rows = [(e.time_ns, e.heading_rad, e.sigma_rad) for e in events if isinstance(e, Heading)]
+    time_ns, heading, sigma = np.array(rows).T
+    return time_ns / NS_PER_S, np.unwrap(heading), float(sigma.mean())
+
+
+def moved_deg(times: np.ndarray, heading: np.ndarray, whole: tuple) -> float:
+    """Return how far a heading is from that of the whole recording, root mean square [deg]."""
+    off = heading - np.interp(times, *whole)
+    return float(np.degrees(np.sqrt(np.mean(((off + np.pi) % (2 * np.pi) - np.pi) ** 2))))
+
+
 def walkers(made: list[Path], lossy: Path) -> None:
     """Print what becomes of steps and tracks of walkers."""
-    print("walkers: F1 of steps within 0.12 s, tracks of a walk")
-    print(f"{'filled up to':12}" + "".join(f"{ms:11} ms" for ms in (0, *WALKER_MS)))
+    print("walkers: F1 of steps within 0.12 s, tracks of a walk, heading moved and claimed [deg]")
+    print(f"{'filled up to':12}" + "".join(f"{ms:21} ms" for ms in (0, *WALKER_MS)))
     for limit_s in WALKER_LIMITS_S:
-        cells = []
+        cells, wholes = [], {}
         for ms in (0, *WALKER_MS):
-            total, tracks = np.zeros(3, int), []
+            total, tracks, moved, claimed = np.zeros(3, int), [], [], []
             for path in made:
                 lose(path, lossy, ms / 1e3, WALKER_RATE if ms else 0.0)
                 total += steps(lossy, "waist-steps", limit_s)
                 events, _ = replayed(lossy, "pedestrian", limit_s)
                 tracks.append(len({e.track for e in events if isinstance(e, TrackPoint)}))
+                times, heading, sigma = headings(lossy, limit_s)
+                moved.append(moved_deg(times, heading, wholes.setdefault(path, (times, heading))))
+                claimed.append(np.degrees(sigma))
             found, false, true = total
             f1 = f1_score(true, found + false, found)
-            cells.append(f"{f1:8.3f},{np.mean(tracks):5.1f}")
+            off = f"{np.median(moved):5.1f},{np.median(claimed):4.1f}"
+            cells.append(f"{f1:8.3f},{np.mean(tracks):4.1f},{off}")
         print(f"{named(limit_s):12}" + "".join(cells), flush=True)
 
 
