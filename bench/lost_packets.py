@@ -8,7 +8,8 @@ false; of vehicles passes found and false, what their moments are off, and how m
 of tracks there are. Walkers are ten walks of ``back-steps``, or of the people that
 ``published_walks.py`` tells of, with a packet lost in four seconds: F1 of their steps at 0.12 s,
 how many tracks ``pedestrian`` gives of a walk, and how far ``heading`` is from itself without
-losses. The limits that ship, ``bridges_s`` of stages, were chosen here with seeds 3 and 4 and on back-steps; others report.
+losses. The limits that ship, ``bridges_s`` of stages, were chosen here with seeds 3 and 4 and on
+back-steps; others report.
 """
 
 from __future__ import annotations
