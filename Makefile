@@ -132,6 +132,8 @@ accept: dev sweeps ## steps of real recordings (GROUNDTRACE_DATA), places in ran
 	$(BIN)/python bench/room_accuracy.py
 	$(BIN)/python bench/placement_guess.py
 	$(BIN)/python bench/foot_accuracy.py
+	$(BIN)/python bench/lost_samples.py
+	$(BIN)/python bench/lost_packets.py
 	$(BIN)/python bench/heading_accuracy.py
 	$(BIN)/python bench/pedestrian_accuracy.py
 	$(BIN)/python bench/vehicle_accuracy.py
