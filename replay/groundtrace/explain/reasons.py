@@ -929,7 +929,8 @@ def _nothing(evidence: Evidence, stage: str, time_ns: int, reach: int) -> Reason
         text = f"no signal: {gap.reason} at {start_s:.3f} s"
         if gap.end_ns > gap.start_ns:
             lost = f"{gap.reason}, {gap.lost} samples"
-            text = f"no signal from {start_s:.3f} to {end_s:.3f} s: {lost}"
+            lines = ", straight lines in their place" if gap.bridged else ""
+            text = f"no signal from {start_s:.3f} to {end_s:.3f} s: {lost}{lines}"
         return Reason("gap", text, stage, part.spec.topic)
     within_ms = f"{reach / 1e6:.6g} ms"
     if part.spec.trace:
@@ -967,9 +968,19 @@ def _nothing(evidence: Evidence, stage: str, time_ns: int, reach: int) -> Reason
 
 
 def _gap_at(evidence: Evidence, topic: str, start_ns: int, end_ns: int) -> Gap | None:
-    """Return the gap of a stream that overlaps a span and ended a run."""
-    gaps = (g for g in evidence.gaps if g.topic in (topic, "") and not g.bridged)
-    return next((g for g in gaps if g.start_ns <= end_ns and g.end_ns >= start_ns), None)
+    """Return what took the signal of a span: a gap that ended a run, or filled ones of half of it.
+
+    Filled ones are returned as one.
+    """
+    gaps = [g for g in evidence.gaps if g.topic in (topic, "")]
+    gaps = [g for g in gaps if g.start_ns <= end_ns and g.end_ns >= start_ns]
+    ended = next((g for g in gaps if not g.bridged), None)
+    filled = [g for g in gaps if g.bridged and g.lost]
+    lost_ns = sum(min(g.end_ns, end_ns) - max(g.start_ns, start_ns) for g in filled)
+    if ended is not None or 2 * lost_ns < end_ns - start_ns:
+        return ended
+    lost = sum(g.lost for g in filled)
+    return replace(filled[0], end_ns=filled[-1].end_ns, lost=lost)
 
 
 def _nearest_text(part: StageEvidence, time_ns: int) -> str:
