@@ -113,6 +113,8 @@ class Claims:
             (rf"is dead: the signal stands still for {NUMBER} of {NUMBER} ms", self.dead),
             (rf"is clipped for {NUMBER} ms of a frame", self.clipped),
             (rf"no signal from {NUMBER} to {NUMBER} s: ([\w ]+), (\d+) samples", self.gap),
+            (rf"no signal from {NUMBER} to {NUMBER} s: missing, (\d+) samples, "
+             r"straight lines in their place", self.filled),
             (rf"no signal: ([\w ]+) at {NUMBER} s", self.step_of_clock),
             (r"no signal was recorded", self.unrecorded),
             (rf"was picked \+?{NUMBER} ms from it, in another group", self.elsewhere),
@@ -355,6 +357,23 @@ class Claims:
             and g.topic in (part.spec.topic, "")
             for g in self.evidence.gaps
         )
+
+    def filled(self, part: StageEvidence, _: int, start_s: str, end_s: str, lost: str) -> None:
+        start, end = self.time_ns - self.within_ns, self.time_ns + self.within_ns
+        topics = (part.spec.topic, "")
+        near = [
+            g
+            for g in self.evidence.gaps
+            if g.topic in topics and g.start_ns <= end and g.end_ns >= start
+        ]
+        assert all(g.bridged for g in near)
+        near = [g for g in near if g.reason == "missing"]
+        told_ns = [self.evidence.start_ns + float(t) * NS_PER_S for t in (start_s, end_s)]
+        assert abs(min(g.start_ns for g in near) - told_ns[0]) < 1e6
+        assert abs(max(g.end_ns for g in near) - told_ns[1]) < 1e6
+        assert sum(g.lost for g in near) == int(lost)
+        taken = sum(min(g.end_ns, end) - max(g.start_ns, start) for g in near)
+        assert 2 * taken >= end - start
 
     def step_of_clock(self, part: StageEvidence, _: int, reason: str, at_s: str) -> None:
         at_ns = self.evidence.start_ns + float(at_s) * NS_PER_S

@@ -975,12 +975,13 @@ def _gap_at(evidence: Evidence, topic: str, start_ns: int, end_ns: int) -> Gap |
     gaps = [g for g in evidence.gaps if g.topic in (topic, "")]
     gaps = [g for g in gaps if g.start_ns <= end_ns and g.end_ns >= start_ns]
     ended = next((g for g in gaps if not g.bridged), None)
-    filled = [g for g in gaps if g.bridged and g.lost]
+    filled = [g for g in gaps if g.bridged and g.reason == "missing"]
     lost_ns = sum(min(g.end_ns, end_ns) - max(g.start_ns, start_ns) for g in filled)
     if ended is not None or 2 * lost_ns < end_ns - start_ns:
         return ended
-    lost = sum(g.lost for g in filled)
-    return replace(filled[0], end_ns=filled[-1].end_ns, lost=lost)
+    first = min(filled, key=lambda g: g.start_ns)
+    end_ns, lost = max(g.end_ns for g in filled), sum(g.lost for g in filled)
+    return replace(first, end_ns=end_ns, lost=lost)
 
 
 def _nearest_text(part: StageEvidence, time_ns: int) -> str:
