@@ -35,9 +35,9 @@ SURFACE = {
     "groundtrace.pipeline.stage": """
         BRIDGED_S BRIDGE_NS CHAINED CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames
         Input LEAST_PICKS LocationEstimate Measured Memory NO_FRAMES Numbers POWERS
-        PresenceIntervals Stage StageRunner StepMeasure accepted_events allows associates detects emitted
-        in_length_unit joined length_note no_location scaled_lengths takes_signal_alone topic_of
-        units_per_metre wanted_quantities""",
+        PresenceIntervals Stage StageRunner StepMeasure accepted_events allows associates
+        detects emitted in_length_unit joined length_note no_location scaled_lengths
+        takes_signal_alone topic_of units_per_metre wanted_quantities""",
     "groundtrace_codecs": """
         Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
         Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing LoggedBlock McapFile
