@@ -33,13 +33,13 @@ import numpy as np
 from foot_accuracy import CHI2_90, Said
 from placement_guess import Case, guess_of, table
 from step_accuracy import Walk, read
-from step_people import HEADER, RIVALS, WIDE_S, judged, metronome, rival, whole
+from step_people import HEADER, RIVALS, WIDE_S, Judged, judged, metronome, rival, whole
 from step_type_accuracy import forward, told
 from train_step_score import candidates, runs_of
 
 from groundtrace.detectors import step_score
 from groundtrace.detectors.adaptive import AdaptiveParameters
-from groundtrace.evaluation.matching import inside, match
+from groundtrace.evaluation.matching import f1_score, inside, match
 from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import replay
@@ -152,8 +152,8 @@ class Rates:
         return float(max(span.max(initial=0.0) for span in spans))
 
 
-def extra_steps(folder: Path, runs: list[Run]) -> None:
-    """Print what feet do beside steps that the truth has not."""
+def extra_steps(folder: Path, runs: list[Run], score: Judged) -> None:
+    """Print what feet do beside steps that the truth has not, and F1 if those they do count."""
     default, weights = AdaptiveParameters(), step_score.trained()
     rows = []
     for run in runs:
@@ -181,6 +181,12 @@ def extra_steps(folder: Path, runs: list[Run]) -> None:
     for kind, count in kinds.most_common():
         swung = sum(fastest >= swing for each, fastest in extra if each == kind)
         print(f"  {kind:28} {swung:3} of {count}")
+    more = sum(fastest >= swing for _, fastest in extra)
+    narrow, wide = (
+        f1_score(one.true + more, one.found, one.matched + more)
+        for one in (score.narrow, score.wide)
+    )
+    print(f"F1 if the truth had those {more}: {narrow:.3f} / {wide:.3f}")
 
 
 def where(run: Run, time_s: float) -> str:
@@ -330,7 +336,7 @@ def main() -> None:
     print(f"{'metronome in the walk':26} {narrow:.3f} / {wide:.3f}")
     by_person = [f"{p} {score.people[p][0].f1:.3f} / {score.people[p][1].f1:.3f}" for p in people]
     print("score by person:", ", ".join(by_person))
-    extra_steps(options.walks, runs)
+    extra_steps(options.walks, runs, score)
     types(options.walks)
     placements(options.walks)
     tracks(options.walks)
