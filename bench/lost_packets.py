@@ -23,12 +23,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from published_walks import unseen, write_back
 
-from groundtrace.cli.main import main as groundtrace
 from groundtrace.evaluation.matching import f1_score, match
 from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace_codecs.events import Fix, Heading, Pass, StepEvent, TrackPoint
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
@@ -38,6 +42,10 @@ from groundtrace_codecs.writer import write_recording
 if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
 
+SIMULATED = {
+    "room": lambda seed: simulate_room(RoomOptions(seed=seed)),
+    "vehicle": lambda seed: simulate_vehicle(VehicleOptions(seed=seed)),
+}
 #: Lengths of packets [ms], and the limits that are tried [s]; None is what ships.
 ROOM_MS, ROOM_LIMITS_S = (20, 50, 70, 90, 150), (0.02, 0.05, 0.1, None)
 VEHICLE_MS, VEHICLE_LIMITS_S = (90, 110, 200, 300, 500), (0.1, 0.3, 0.6, None)
@@ -194,7 +202,7 @@ def main() -> None:
         for kind in ("room", "vehicle"):
             made[kind] = [folder / f"{kind}{seed}.mcap" for seed in options.seeds]
             for seed, path in zip(options.seeds, made[kind], strict=True):
-                groundtrace(["simulate", kind, "--seed", str(seed), "--out", str(path)])
+                write(SIMULATED[kind](seed), path)
         lossy = folder / "lossy.mcap"
         if walks := walks_of(options.data, options.walks, folder):
             walkers(walks, lossy)
