@@ -505,6 +505,11 @@ class Gap:
     lost: int
     bridged: bool = False
 
+    @property
+    def filled(self) -> bool:
+        """Whether straight lines stand in the place of its samples."""
+        return self.bridged and self.reason == "missing"
+
     #: How loud its line in the log is, and whom it names.
     level: ClassVar[str] = "WARN"
     source: ClassVar[str] = "source"

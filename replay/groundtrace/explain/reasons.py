@@ -975,7 +975,7 @@ def _gap_at(evidence: Evidence, topic: str, start_ns: int, end_ns: int) -> Gap |
     gaps = [g for g in evidence.gaps if g.topic in (topic, "")]
     gaps = [g for g in gaps if g.start_ns <= end_ns and g.end_ns >= start_ns]
     ended = next((g for g in gaps if not g.bridged), None)
-    filled = [g for g in gaps if g.bridged and g.reason == "missing"]
+    filled = [g for g in gaps if g.filled]
     lost_ns = sum(min(g.end_ns, end_ns) - max(g.start_ns, start_ns) for g in filled)
     if ended is not None or 2 * lost_ns < end_ns - start_ns:
         return ended

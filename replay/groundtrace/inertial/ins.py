@@ -485,11 +485,10 @@ class FootNavigator(Stage):
             values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)
         yield from self._navigate(self._segments.add(block.sample_times(), values))
 
-    def bridged(self, gap: Gap) -> None:
+    def filled(self, gap: Gap) -> None:
         """Take it that the next samples are straight lines over a gap: they tell less."""
-        if gap.reason == "missing":
-            self._segments.lose(gap.lost)
-            self._lost_count, self._lost_ns = self._lost_count + gap.lost, gap.end_ns
+        self._segments.lose(gap.lost)
+        self._lost_count, self._lost_ns = self._lost_count + gap.lost, gap.end_ns
 
     def flush(self) -> Iterator[Output]:
         """End the track."""

@@ -74,13 +74,18 @@ class Pipeline:
     @property
     def bridge_s(self) -> float:
         """How long a gap may be that is filled for all of its stages [s]."""
-        return bridge_of(kind for stage in self.stages if (kind := getattr(stage, "kind", None)))
+        return bridge_of(self._kinds)
 
     @property
     def compiles(self) -> set[str]:
         """Files of compiled functions that its stages say they run."""
+        return {name for kind in self._kinds for name in getattr(kind, "compiles", ())}
+
+    @property
+    def _kinds(self) -> list[type[Stage]]:
+        """The classes of its stages, of those that have some."""
         kinds = (getattr(stage, "kind", None) for stage in self.stages)
-        return {name for kind in kinds for name in getattr(kind, "compiles", ())}
+        return [kind for kind in kinds if kind is not None]
 
     def with_stages(self, stages: Sequence[Taking]) -> Pipeline:
         """Return the same pipeline with others in the place of its stages."""

@@ -296,7 +296,7 @@ class Stage(Protocol):
     that makes a candidate is no parameter ``floor``, ``floors`` has it by the function's name.
     Columns named in ``of_usual`` say what there is of a usual event in a candidate, 1 of that one.
 
-    It may have a method ``bridged`` that is told of each gap of its topic that was filled, before
+    It may have a method ``filled`` that is told of each gap of its topic that was filled, before
     the block that fills it.
 
     One that says its ``memory`` can begin in the middle of a recording. The index of the first
@@ -758,10 +758,9 @@ class StageRunner:
                     self._feed(instance, gap, out)
             return
         stepped = gap.reason == CLOCK_STEP
-        if gap.bridged:
-            self._tell_bridged(gap)
-            return
-        if self.kind.ends_at == CLOCK_STEP and not stepped:
+        if gap.filled:
+            self._tell_filled(gap)
+        if gap.bridged or (self.kind.ends_at == CLOCK_STEP and not stepped):
             return
         anywhere = any(need.anywhere for need in self.kind.takes)
         for key, instance in list(self._state.instances.items()):
@@ -773,11 +772,11 @@ class StageRunner:
             if self.kind.scope == "placement":  # its streams are to be found again
                 del self._state.instances[key]
 
-    def _tell_bridged(self, gap: Gap) -> None:
+    def _tell_filled(self, gap: Gap) -> None:
         """Tell those that want to know which samples of their topic were filled."""
         for instance in self._state.instances.values():
             if isinstance(instance, _Instance) and instance.spec.topic == gap.topic:
-                tell = getattr(instance.stage, "bridged", None)
+                tell = getattr(instance.stage, "filled", None)
                 if tell is not None:
                     tell(gap)
 

@@ -42,6 +42,9 @@ def test_filled_gaps_of_a_second_are_one_line_and_others_one_each(view: LossView
         (1.0, "1.00 s  missing /imu: 6 lost in 3 gaps within 930.0 ms, filled, state kept", "INFO"),
     ]
     assert view._lines == told
+    view.gap(Gap("/imu", 3 * NS_PER_S, 3 * NS_PER_S, "clock step", 0, bridged=True))
+    step = (3.0, "3.00 s  clock step /imu: 0 lost, 0.0 ms, state kept", "WARN")
+    assert view._lines.pop() == step
     view.flush()
     assert view._lines[2:] == [
         (2.0, "2.00 s  missing /imu: 1 lost, 10.0 ms, filled, state kept", "INFO"),

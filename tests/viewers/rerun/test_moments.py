@@ -67,6 +67,7 @@ def test_every_event_that_a_person_looks_for_is_listed_by_time() -> None:
     found = moments(
         Gap("/seismic", at(2.2), at(2.3), "missing", 200),
         Gap("/seismic", at(2.4), at(2.41), "missing", 20, bridged=True),
+        Gap("/seismic", at(2.5), at(2.5), "clock step", 0, bridged=True),
         Fix(at(2.6), 1.5, 2.25, (0.1, 0.0, 0.1), 0.1, "hyperbolic", 4, "places"),
         Note(at(3.0), "loud", "WARN", "picker"),
         Note(at(3.1), "chatter", "INFO", "picker"),
@@ -78,6 +79,7 @@ def test_every_event_that_a_person_looks_for_is_listed_by_time() -> None:
     assert ("note", "loud") in texts
     assert ("note", "chatter") not in texts
     assert ("gap", "/seismic missing, 20 lost") not in texts
+    assert ("gap", "/seismic clock step, 0 lost") in texts
 
 
 def test_it_opens_at_what_is_wrong_first_else_at_a_step_else_at_any_event() -> None:

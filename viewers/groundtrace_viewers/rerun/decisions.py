@@ -953,15 +953,15 @@ class LossView(View):
         self._timeline = context.timeline
         self._lines = context.lines
         self._lane = Lane(context.timeline, GAPS, GAP_COLOURS)
-        self._filled: dict[tuple[str, str], list[Gap]] = {}
+        self._filled: dict[str, list[Gap]] = {}
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
         self._lane.add(gap.start_ns, gap.reason, gap.end_ns)
-        if not gap.bridged:
+        if not gap.filled:
             self._say([gap])
             return
-        filled = self._filled.setdefault((gap.topic, gap.reason), [])
+        filled = self._filled.setdefault(gap.topic, [])
         if filled and gap.start_ns >= filled[0].start_ns + GAPS_NS:
             self._say(filled)
             filled.clear()
@@ -970,11 +970,11 @@ class LossView(View):
     def _say(self, gaps: Sequence[Gap]) -> None:
         first, lost = gaps[0], sum(gap.lost for gap in gaps)
         lasting = f"{(gaps[-1].end_ns - first.start_ns) / 1e6:.1f} ms"
-        state = "filled, state kept" if first.bridged else "state reset"
+        state = f"{'filled, ' if first.filled else ''}state {'kept' if first.bridged else 'reset'}"
         many = f" in {len(gaps)} gaps within" if len(gaps) > 1 else ","
         where = self._timeline.seconds(first.start_ns)
         text = f"{where}  {first.reason} {first.topic}: {lost} lost{many} {lasting}, {state}"
-        self._lines.add("gaps", first.start_ns, text, "INFO" if first.bridged else "WARN")
+        self._lines.add("gaps", first.start_ns, text, "INFO" if first.filled else "WARN")
 
     def flush(self, before_ns: int | None = None) -> None:
         """Log the lane and the lines up to a time."""

@@ -395,7 +395,7 @@ def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
         return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
     text_of = LISTED.get(type(event))
     quiet = isinstance(event, Note) and event.level not in LOUD
-    if text_of is None or quiet or (isinstance(event, Gap) and event.bridged):
+    if text_of is None or quiet or (isinstance(event, Gap) and event.filled):
         return None
     listed: Any = event
     return _moment(listed.time_ns, start_ns, EVENTS[type(event)].name, *text_of(event))
