@@ -171,8 +171,10 @@ class StuckValues:
         least = _unlikely(np.array(np.nanmax(row) - np.nanmin(row)), line)
         values = row[left + starts[rows + 1] - 1]
         rows = rows[(lengths[rows] >= least) | line.rails.near(values)]
+        if not len(rows):
+            return
         before = _slopes(row, left + starts[rows], -1)
-        if len(rows) and rows[0] == 0:
+        if rows[0] == 0:
             before[0] = line.before
         long = lengths[rows] >= self._long
         steep = long | (before >= _steep(lengths[rows]) * line.step)
