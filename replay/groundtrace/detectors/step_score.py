@@ -481,19 +481,18 @@ class Surroundings:
     def _until(self, end: int) -> tuple[Array, Array]:
         places, start = np.rint(self._rows[:, 0]), self._looked
         self._looked = max(start, int(np.searchsorted(places, end)))
-        ready = range(start, self._looked)
-        odds = _odds(self._rows[:, 1])
-        inputs = [surroundings(self._rows, odds, row, self._seen) for row in ready]
-        rows = self._rows[start : self._looked]
+        ready = slice(start, self._looked)
+        rows, inputs = self._rows[ready], np.empty((0, INPUTS))
         if len(rows):
+            inputs = surroundings(self._rows, _odds(self._rows[:, 1]), ready, self._seen)
             first_row = int(np.searchsorted(places, places[self._looked - 1] - _REMEMBERED))
             self._rows, self._looked = self._rows[first_row:], self._looked - first_row
         self._seen.discard_before(max(end, 0) + _BANDS[0][0] - 1)
-        return rows, np.array(inputs).reshape(len(rows), INPUTS)
+        return rows, inputs
 
 
-def surroundings(rows: Array, odds: Array, row: int, seen: ColumnBuffer) -> Array:
-    """Return what stands around one of the candidates.
+def surroundings(rows: Array, odds: Array, chosen: slice, seen: ColumnBuffer) -> Array:
+    """Return what stands around some of the candidates.
 
     Parameters
     ----------
@@ -501,34 +500,30 @@ def surroundings(rows: Array, odds: Array, row: int, seen: ColumnBuffer) -> Arra
         Candidates in the order of time, shape (k, PEAKS).
     odds
         Logarithms of their odds, shape (k,).
-    row
-        Which one.
+    chosen
+        Which ones: m of them.
     seen
         What the first network looked at, by the place.
 
     Returns
     -------
-    Logarithm of the candidate's odds, time to a higher one, standard deviation of the time, step
-    time; the best odds of neighbours; accelerations at :data:`TAPS`; logarithms of their strength.
+    Shape (m, inputs): logarithm of the candidate's odds, time to a higher one, standard deviation
+    of the time, step time; the best odds of neighbours; accelerations at :data:`TAPS`; logarithms
+    of their strength.
     """
-    candidate = rows[row]
-    index, step_s = round(candidate[0]), candidate[6]
-    away = (rows[:, 0] - candidate[0]) / (GRID_HZ * step_s)
-    ahead = rows[:, 0] - candidate[0] <= _LOOKED_AHEAD
-    best = [_best(odds[(-away > low) & (-away <= high)]) for low, high in _NEIGHBOURS]
+    candidates = rows[chosen]
+    index, step_s = np.rint(candidates[:, 0]).astype(np.intp), candidates[:, 6]
+    apart = rows[:, 0] - candidates[:, :1]
+    away, ahead = apart / (GRID_HZ * step_s[:, None]), apart <= _LOOKED_AHEAD
+    best = [_best(odds, (-away > low) & (-away <= high)) for low, high in _NEIGHBOURS]
     best += [
-        _best(odds[(away > low) & (away <= high) & ahead]) for low, high in _NEIGHBOURS[:_AFTER]
+        _best(odds, (away > low) & (away <= high) & ahead) for low, high in _NEIGHBOURS[:_AFTER]
     ]
-    middle = [len(TAPS) // 2, len(TAPS) + len(TAPS) // 2]
-    strength = [_strength(seen.between(index + low, index + high)[middle]) for low, high in _BANDS]
-    at = min(max(index, seen.first), seen.end - 1)
-    return np.concatenate(
-        [
-            [odds[row], candidate[2], candidate[5], step_s, *best],
-            seen.between(at, at + 1)[:, 0],
-            *strength,
-        ]
-    )
+    at = index.clip(seen.first, seen.end - 1) - seen.first
+    middle = seen.values[[len(TAPS) // 2, len(TAPS) + len(TAPS) // 2]]
+    strength = [_strength(middle, index - seen.first, *band) for band in _BANDS]
+    own = [odds[chosen], candidates[:, 2], candidates[:, 5], step_s]
+    return np.column_stack([*own, *best, seen.values[:, at].T, *strength])
 
 
 def _odds(likeness: Array) -> Array:
@@ -537,16 +532,22 @@ def _odds(likeness: Array) -> Array:
     return np.asarray(np.log(clipped / (1 - clipped)))
 
 
-def _best(odds: Array) -> float:
-    return float(odds.max()) if len(odds) else _NOBODY
+def _best(odds: Array, near: NDArray[np.bool_]) -> Array:
+    """Return the best odds of those near each of m candidates, shapes (k,) and (m, k).
+
+    No candidate's odds are as low as those of nobody.
+    """
+    best: Array = np.broadcast_to(odds, near.shape).max(axis=1, where=near, initial=_NOBODY)
+    return best
 
 
-def _strength(points: Array) -> Array:
-    """Return the logarithm of the strength of two accelerations, shape (2, n)."""
-    if not points.shape[1]:
-        return np.full(2, np.log(_QUIET_MPS2))
-    square = np.ascontiguousarray(points * points).sum(axis=1) / points.shape[1]
-    return np.asarray(np.log(_QUIET_MPS2 + np.sqrt(square)))
+def _strength(values: Array, index: NDArray[np.intp], low: int, high: int) -> Array:
+    """Return the logarithms of the strength of two accelerations around places, shape (m, 2)."""
+    points = index[:, None] + np.arange(low, high)
+    inside = (points >= 0) & (points < values.shape[1])
+    around = values.take(points, axis=1, mode="clip")  # sums are the same whatever the blocks
+    square = (around * around * inside).sum(axis=2) / np.maximum(inside.sum(axis=1), 1)
+    return np.asarray(np.log(_QUIET_MPS2 + np.sqrt(square.T)))
 
 
 def judged(rows: Array, inputs: Array, network: Network) -> Array:
