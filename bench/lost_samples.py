@@ -51,11 +51,13 @@ BEGIN = 300
 def off_line(block: SignalBlock, quantity: str, span: int) -> tuple[Array, Array]:
     """Return how far lines over a span are off, and the bends' measure, shape (n,) each."""
     x = block.values[BEGIN:, block.stream.columns_of({quantity})]
-    i = np.arange(1, len(x) - span - 1)
+    side = max(1, span // 2)
+    i = np.arange(side, len(x) - span - side)
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum((x[1:] + x[:-1]) / 2, axis=0)])
     off = sums[i + span] - sums[i] - (x[i] + x[i + span]) / 2 * span
     slope = (x[i + span] - x[i]) / span
-    before, after = x[i] - x[i - 1] - slope, x[i + span + 1] - x[i + span] - slope
+    before = (x[i] - x[i - side]) / side - slope
+    after = (x[i + span + side] - x[i + span]) / side - slope
     bend = span**2 / 12 * np.maximum(np.abs(before), np.abs(after))
     return (off**2).sum(axis=1), (bend**2).sum(axis=1)
 

@@ -57,6 +57,7 @@ def turning(duration_s: float = 60.0, rest_s: float = 5.0, seed: int = 3) -> Tur
         rate=rate + rng.normal(0, 0.002, (n, 3)) + np.array([0.004, -0.003, 0.005]),
         force=rotated(back, GRAVITY + shake) + rng.normal(0, 0.02, (n, 3)),
         field=rotated(back, np.broadcast_to(EARTH, (n, 3))) + rng.normal(0, 0.4e-6, (n, 3)),
+        unseen=np.zeros((n, 6)),
     )
     return Turning(samples, orientation)
 

@@ -37,10 +37,9 @@ RECORDS = ("STATE", "FRAME", "SETTINGS")
 
 
 def samples_of(rng, count):
-    field = rng.normal(0, 3e-5, (count, 3))
-    return Samples(
-        np.arange(count), rng.normal(0, 2, (count, 3)), rng.normal(0, 5, (count, 3)), field
-    )
+    field, unseen = rng.normal(0, 3e-5, (count, 3)), rng.uniform(0, 1e-4, (count, 6))
+    rate, force = rng.normal(0, 2, (count, 3)), rng.normal(0, 5, (count, 3))
+    return Samples(np.arange(count), rate, force, field, unseen)
 
 
 @settings(max_examples=20, deadline=None)

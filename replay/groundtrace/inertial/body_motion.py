@@ -31,7 +31,8 @@ from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 
 from .. import kernels
 from .attitude import Attitude, AttitudeNoise, HeadingFrames, HeadingParameters
-from .heading import HeadingEstimator, joined
+from .frames import Samples
+from .heading import HeadingEstimator
 from .rotations import rotated
 
 if TYPE_CHECKING:
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .attitude import HeadingFrame
-    from .frames import Samples
 
     Array = NDArray[np.float64]
 
@@ -68,6 +68,9 @@ class LevelFrameMotion:
         Magnetic field, shape (n, 3) [T]; NaN where there is none.
     rested_s
         How long the sensor has been at rest since the start, shape (n,) [s].
+    unseen_rad2
+        Variance of how far it may have turned about the vertical unseen since the start, as samples
+        were lost, shape (n,) [rad2].
     """
 
     time_ns: NDArray[np.int64]
@@ -75,6 +78,7 @@ class LevelFrameMotion:
     acceleration: Array
     field: Array
     rested_s: Array
+    unseen_rad2: Array
 
     def __len__(self) -> int:
         return int(self.time_ns.shape[0])
@@ -88,11 +92,13 @@ class LevelFrameMotion:
             self.acceleration[rows],
             self.field[rows],
             self.rested_s[rows],
+            self.unseen_rad2[rows],
         )
 
-    def rested_by(self, start_ns: int, stop_ns: int) -> float:
-        """Return how long the sensor has been at rest by the end of what is between [s]."""
-        return float(self.rested_s[self.rows(start_ns, stop_ns).stop - 1])
+    def by_end(self, start_ns: int, stop_ns: int) -> tuple[float, float]:
+        """Return ``rested_s`` and ``unseen_rad2`` by the end of what is between."""
+        last = self.rows(start_ns, stop_ns).stop - 1
+        return float(self.rested_s[last]), float(self.unseen_rad2[last])
 
     def rows(self, start_ns: int, stop_ns: int) -> slice:
         """Return where the samples in ``[start_ns, stop_ns)`` are; that of one that is near."""
@@ -132,7 +138,7 @@ class LevelFrameTracker:
 
     def add(self, samples: Samples) -> None:
         """Take samples of any number."""
-        self._waiting = [joined([*self._waiting, samples])]
+        self._waiting = [Samples.joined([*self._waiting, samples])]
         self._take(self._estimator.add(_without_field(samples)))
 
     def flush(self) -> None:
@@ -150,7 +156,10 @@ class LevelFrameTracker:
         force, field_ = (rotated(frames.orientation, x) for x in (samples.force, samples.field))
         force[:, 2] -= G0_MPS2
         rested_s = self._rested(frames)
-        new = LevelFrameMotion(samples.time_ns, frames.orientation, force, field_, rested_s)
+        unseen_rad2 = self._unseen(frames.orientation, samples.unseen)
+        new = LevelFrameMotion(
+            samples.time_ns, frames.orientation, force, field_, rested_s, unseen_rad2
+        )
         self._motion = new if self._motion is None else _joined(self._recent(new), new)
 
     def _rested(self, frames: HeadingFrames) -> Array:
@@ -158,6 +167,16 @@ class LevelFrameTracker:
         before_s = 0.0 if self._motion is None else float(self._motion.rested_s[-1])
         each_s = np.repeat(frames.resting / self.rate_hz, frames.lengths)
         return np.cumsum(np.concatenate([[before_s], each_s]))[1:]
+
+    def _unseen(self, orientation: Array, unseen: Array) -> Array:
+        """Return the variance of the turn about the vertical by each sample [rad2]."""
+        before = 0.0 if self._motion is None else float(self._motion.unseen_rad2[-1])
+        if not unseen.any():
+            return np.full(len(unseen), before)
+        inverse = orientation * np.array([1.0, -1.0, -1.0, -1.0])
+        up = rotated(inverse, np.array([0.0, 0.0, 1.0]))  # in the sensor's axes
+        each = (up**2 * unseen[:, :3]).sum(axis=1)
+        return np.cumsum(np.concatenate([[before], each]))[1:]
 
     def _recent(self, new: LevelFrameMotion) -> LevelFrameMotion:
         """Return what is not older than any step to come, by when the newest portion begins."""
@@ -177,6 +196,7 @@ def _joined(before: LevelFrameMotion, after: LevelFrameMotion) -> LevelFrameMoti
         np.concatenate([before.acceleration, after.acceleration]),
         np.concatenate([before.field, after.field]),
         np.concatenate([before.rested_s, after.rested_s]),
+        np.concatenate([before.unseen_rad2, after.unseen_rad2]),
     )
 
 

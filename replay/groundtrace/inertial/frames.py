@@ -19,10 +19,14 @@ from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
 
 from .. import kernels
 from ..pipeline.source import NonFiniteHold
+from .lost_samples import StraightLines
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
+    from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from .rotations import Array
@@ -42,12 +46,16 @@ class Samples:
         Specific force, shape (n, 3) [m/s2].
     field
         Magnetic field, shape (n, 3) [T]; NaN where there is none.
+    unseen
+        How far straight lines in place of lost samples may be off: variances of the turn and of the
+        velocity, shape (n, 6) [rad2, m2/s2]; 0 elsewhere.
     """
 
     time_ns: NDArray[np.int64]
     rate: Array
     force: Array
     field: Array
+    unseen: Array
 
     def __len__(self) -> int:
         return int(self.time_ns.shape[0])
@@ -55,7 +63,26 @@ class Samples:
     def rows(self, start: int, stop: int) -> Samples:
         """Return samples ``[start, stop)``."""
         part = slice(start, stop)
-        return Samples(self.time_ns[part], self.rate[part], self.force[part], self.field[part])
+        return Samples(
+            self.time_ns[part],
+            self.rate[part],
+            self.force[part],
+            self.field[part],
+            self.unseen[part],
+        )
+
+    @staticmethod
+    def joined(parts: Sequence[Samples]) -> Samples:
+        """Return consecutive samples as one; at least one part."""
+        if len(parts) == 1:
+            return parts[0]
+        return Samples(
+            np.concatenate([p.time_ns for p in parts]),
+            np.concatenate([p.rate for p in parts]),
+            np.concatenate([p.force for p in parts]),
+            np.concatenate([p.field for p in parts]),
+            np.concatenate([p.unseen for p in parts]),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +130,7 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
         np.empty((len(samples), 6)),
         record[()],
     )
+    record["unseen"] = samples.unseen.sum(axis=0)
     return InertialFrame(turns, len(samples) * step_s, record)
 
 
@@ -200,6 +228,13 @@ class SensorAligner:
         self._unscaled = _Series()
         self._field_scale: float | None = None
         self._holders: dict[str, NonFiniteHold] = {}
+        self._lines: StraightLines | None = None
+        self._period_ns = 0.0
+        self._filled: list[Gap] = []
+
+    def lose(self, gap: Gap) -> None:
+        """Take it that samples of the gyroscope were lost, and that straight lines fill the gap."""
+        self._filled.append(gap)
 
     def update(self, block: SignalBlock) -> None:
         """Take the quantities of a block, every sample finite."""
@@ -207,6 +242,10 @@ class SensorAligner:
         values, times = finite.values, finite.sample_times()
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):
+                if quantity == "angular_velocity" and self._lines is None:
+                    rate_hz = block.stream.rate_hz
+                    self._lines = StraightLines(rate_hz, between_neighbours=False)
+                    self._period_ns = block.stream.period_ns
                 unit = block.stream.channels[columns[0]].unit
                 if unit in UNKNOWN_UNITS:
                     self.remark = (
@@ -260,12 +299,10 @@ class SensorAligner:
         return self._taken(len(self._rate.time_ns) if self._force.began else 0)
 
     def _taken(self, count: int) -> Samples:
-        times = self._rate.time_ns[:count]
+        times, rate = self._rate.time_ns[:count], self._rate.values[:count]
+        force = self._force.at(times, None)
         samples = Samples(
-            times,
-            self._rate.values[:count],
-            self._force.at(times, None),
-            self._field.at(times, HOLD_NS),
+            times, rate, force, self._field.at(times, HOLD_NS), self._unseen(times, rate, force)
         )
         self._rate.time_ns, self._rate.values = (
             self._rate.time_ns[count:],
@@ -275,3 +312,15 @@ class SensorAligner:
             self._force.discard_before(int(times[-1]))
             self._field.discard_before(int(times[-1]))
         return samples
+
+    def _unseen(self, times: NDArray[np.int64], rate: Array, force: Array) -> Array:
+        """Return what :attr:`Samples.unseen` is of samples that follow those taken before."""
+        lost = np.zeros(len(times), np.bool_)
+        if self._lines is None or not len(times):
+            return np.zeros((len(times), 6))
+        for gap in self._filled:
+            after_ns = gap.end_ns - self._period_ns / 2
+            first, stop = np.searchsorted(times, [after_ns - gap.lost * self._period_ns, after_ns])
+            lost[first:stop] = True
+        self._filled = [gap for gap in self._filled if gap.end_ns > times[-1]]
+        return self._lines(np.concatenate([rate, force], axis=1), lost)

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.events import CandidateBlock, Event, Gap
 
     from ..pipeline.stage import Output
     from .attitude import HeadingFilter
@@ -106,7 +106,7 @@ class HeadingEstimator:
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
-        buffered = joined([*self._waiting, samples])
+        buffered = Samples.joined([*self._waiting, samples])
         count = len(buffered) // self.length * self.length
         self._waiting = [buffered.rows(count, len(buffered))]
         frames: list[HeadingFrames] = []
@@ -268,18 +268,6 @@ def axis_of(name: str) -> Array:
     return np.asarray(-unit if name.startswith("-") else unit)
 
 
-def joined(parts: list[Samples]) -> Samples:
-    """Return consecutive samples as one; at least one part."""
-    if len(parts) == 1:
-        return parts[0]
-    return Samples(
-        np.concatenate([p.time_ns for p in parts]),
-        np.concatenate([p.rate for p in parts]),
-        np.concatenate([p.force for p in parts]),
-        np.concatenate([p.field for p in parts]),
-    )
-
-
 def _scalar_filter(parameters: HeadingParameters) -> ScalarFilter | None:
     if parameters.filter == "exponential":
         return Exponential()
@@ -318,7 +306,9 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
     outputs, frame = np.zeros(count, kernels.attitude.TOLD), np.zeros((), kernels.attitude.FRAME)
     outputs["tests"] = outputs["compass_rad"] = np.nan
     compass.make_room(state, int(p["deviation_frames"]), count)
-    given = (np.ascontiguousarray(samples.rate), np.ascontiguousarray(samples.force), field, length)
+    unseen = samples.unseen[:rows].reshape(count, length, 6).sum(axis=1)
+    rate, force = np.ascontiguousarray(samples.rate), np.ascontiguousarray(samples.force)
+    given = (rate, force, field, unseen, length)
     into = (compass.norms, compass.azimuths, orientation, heading, outputs)
     records, at = (state[()], frame[()], p[()], one.axis), 0
     while (at := kernels.attitude.filter_frames(*given, at, *records, *into)) < count:
@@ -446,6 +436,10 @@ class HeadingStage(Stage):
             self._noted_texts |= {remark}
             yield Note(block.start_ns, remark, "WARN", self._stage)
         yield from self._frames(self._filter.add(self._aligner.take()))
+
+    def filled(self, gap: Gap) -> None:
+        """Take it that samples of the gyroscope are straight lines over a gap: they tell less."""
+        self._aligner.lose(gap)
 
     def flush(self) -> Iterator[Output]:
         """End the run."""

@@ -102,14 +102,14 @@ class PedestrianDeadReckoning:
         self._places: list[PositionReference] = []
         self._measured: _Measured | None = None
         self._last_ns: int | None = None
-        self._rested_s = 0.0
+        self._by_last = (0.0, 0.0)  # rest [s], and the variance of unseen turns [rad2]
         self._went = False  # a track before
 
     def start(self, stage: str, number: int, origin: tuple[float, float]) -> None:
         """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
         self.stage, self.number, self.origin = stage, number, origin
         self._track, self._measured, self._last_ns = None, None, None
-        self._rested_s, self._north = 0.0, FieldDirection(self.parameters)
+        self._by_last, self._north = (0.0, 0.0), FieldDirection(self.parameters)
 
     def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
@@ -126,7 +126,7 @@ class PedestrianDeadReckoning:
         heading = self._facing.heading(motion, *span) + ASIDE.get(step.type, 0.0)
         sight, off = self._north.sight(motion, *span, length_m)
         sight = None if p.azimuth == "gyroscope" else sight
-        stride = Stride(step.time_ns, length_m, heading, sight, motion.rested_by(*span))
+        stride = Stride(step.time_ns, length_m, heading, sight, *motion.by_end(*span))
         # a walk may be under way when a recording begins
         self._measured = _Measured(stride, max(span[0], min(int(motion.time_ns[0]), step.time_ns)))
         turn = self._facing.turn_rad
@@ -151,9 +151,10 @@ class PedestrianDeadReckoning:
         track = self._track
         assert track is not None  # begun by now
         outputs += self._take_places(track, stride.time_ns)
-        rested_s = stride.rested_s - self._rested_s
-        self._last_ns, self._rested_s = stride.time_ns, stride.rested_s
-        stride = Stride(stride.time_ns, stride.length_m, stride.heading_rad, stride.sight, rested_s)
+        before, by_now = self._by_last, (stride.rested_s, stride.unseen_rad2)
+        self._last_ns, self._by_last = stride.time_ns, by_now
+        rested_s, unseen_rad2 = (now - then for now, then in zip(by_now, before, strict=True))
+        stride = stride._replace(rested_s=rested_s, unseen_rad2=unseen_rad2)
         facing = self._facing
         outputs += track.step(stride, facing.turn_rad, settled=facing.settled)
         azimuth = wrap_angle(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
@@ -283,6 +284,10 @@ class BodyWornSensor:
         self._aligner.update(block)
         self.motion.add(self._aligner.take())
 
+    def lose(self, gap: Gap) -> None:
+        """Take it that samples of the gyroscope are straight lines over a gap."""
+        self._aligner.lose(gap)
+
     def forget(self) -> None:
         """Forget what lies too long before a gyroscope that is yet to be heard of."""
         if self._early:
@@ -405,8 +410,10 @@ class DeadReckoning(Stage):
         self._reckoner.update([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
 
     def _interrupted(self, gap: Gap) -> None:
-        """Begin with a new sensor after a gap."""
+        """Begin with a new sensor after a gap; know less of this one's turns after a filled one."""
         sensor = self._sensors[-1]
+        if gap.filled and gap.topic == sensor.topic:
+            sensor.lose(gap)
         if not gap.bridged and gap.topic in (self._context.topic, sensor.topic):
             sensor.flush()
             self._sensors.append(BodyWornSensor())

@@ -487,6 +487,8 @@ class Stride(NamedTuple):
         What the compass says of it.
     rested_s
         How long the sensor has been at rest since the step before [s].
+    unseen_rad2
+        Variance of how far it may have turned unseen since then, as samples were lost [rad2].
     """
 
     time_ns: int
@@ -494,12 +496,14 @@ class Stride(NamedTuple):
     heading_rad: float
     sight: MagneticBearing | None
     rested_s: float
+    unseen_rad2: float = 0.0
 
     @property
     def row(self) -> tuple[float, ...]:
         """All of it, as :data:`.kernels.reckoning.STRIDE` names it."""
         sight = self.sight or UNSEEN
-        return self.time_ns, self.length_m, self.heading_rad, *sight, self.rested_s
+        way = (self.length_m, self.heading_rad)
+        return self.time_ns, *way, *sight, self.rested_s, self.unseen_rad2
 
 
 #: Of a step of which the compass says nothing.

@@ -28,6 +28,7 @@ from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 from .. import kernels
 from ..detectors.zero_velocity import RecentPeak, ZeroVelocityStatistic
 from ..pipeline.parameters import gate, measured
+from .lost_samples import StraightLines
 from .rotations import normalised, product
 
 if TYPE_CHECKING:
@@ -419,61 +420,6 @@ class GyroPlateaus:
         return missed * self._period_s, durations * self._period_s
 
 
-#: How far the integral over a straight line may be off, one standard deviation, in T^2 / 12 times
-#: the larger of its bends at both ends, T its length: that of a parabola is 1. The first between
-#: neighbours, whose errors partly cancel, the second over lost samples. Bench: lost_samples.py.
-LINE_SIGMA = (0.5, 2.0)
-
-
-class StraightLines:
-    """Tells how far the integrals over straight lines between samples may be off.
-
-    Lines bend at samples. What a motion does beside a line it does under it too: lost packets are
-    no part of the motion, nor is when a sensor samples.
-
-    Parameters
-    ----------
-    rate_hz
-        Sampling rate [Hz].
-    """
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_s = 1.0 / rate_hz
-        self._lost = self._count = 0
-        self._at = np.empty(0, np.int64)
-        self._values = np.empty((0, 6))
-
-    def lose(self, count: int) -> None:
-        """Take it that so many of the next samples were lost, and lie on lines."""
-        self._lost += count
-
-    def __call__(self, values: Array) -> Array:
-        """Return the variance of the integral over each line, where the line after it ends.
-
-        Parameters
-        ----------
-        values
-            The next samples, shape (n, 6).
-
-        Returns
-        -------
-        Shape (n, 6), in squares of the values' units times seconds; 0 elsewhere.
-        """
-        variance, first = np.zeros(values.shape), self._count
-        lost = min(self._lost, len(values))
-        self._lost, self._count = self._lost - lost, first + len(values)
-        at = np.concatenate([self._at, np.arange(first + lost, self._count)])
-        x = np.concatenate([self._values, values[lost:]])
-        length = np.diff(at)[:, None]
-        bend = np.abs(np.diff(np.diff(x, axis=0) / length, axis=0))
-        larger = np.maximum(bend[:-1], bend[1:])
-        sigma = np.where(length[1:-1] > 1, *LINE_SIGMA[::-1])
-        off = sigma / 12 * length[1:-1] ** 2 * larger * self._period_s
-        variance[at[3:] - first] = off**2
-        self._at, self._values = at[-3:], x[-3:]
-        return variance
-
-
 class Segments:
     """Cuts blocks of any length into segments, counted from the run's first sample.
 
@@ -492,14 +438,15 @@ class Segments:
         self._late = round(self._statistic.delay_ns * rate_hz / NS_PER_S)
         self._times = np.empty(0, np.int64)
         self._plateaus = GyroPlateaus(rate_hz)
-        self._lines = StraightLines(rate_hz)
+        self._lines = StraightLines(rate_hz, between_neighbours=True)
+        self._lost = 0  # of the next samples
         self._samples = np.empty((0, 19))
         self._values = np.empty((0, 2))
         self._skip = self._late
 
     def lose(self, count: int) -> None:
         """Take it that so many of the next samples were lost, and lie on straight lines."""
-        self._lines.lose(count)
+        self._lost += count
 
     def add(self, times: NDArray[np.int64], samples: Array) -> SegmentRun:
         """Take samples, shapes (n,) and (n, 9); return the segments that are complete by now.
@@ -512,7 +459,9 @@ class Segments:
         self._skip -= skipped
         self._times = np.concatenate([self._times, times])
         missed, held_s = self._plateaus(samples[:, :3])
-        unseen = self._lines(samples[:, :6])
+        lost = min(self._lost, len(samples))
+        self._lost -= lost
+        unseen = self._lines(samples[:, :6], np.arange(len(samples)) < lost)
         rows = np.concatenate([samples, missed, unseen, held_s[:, None]], axis=1)
         self._samples = np.concatenate([self._samples, rows])
         self._values = np.concatenate([self._values, values[skipped:]])

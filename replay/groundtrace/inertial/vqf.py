@@ -18,12 +18,12 @@ from ..errors import PluginError
 from ..pipeline.gates import Level
 from ..pipeline.parameters import measured
 from .attitude import HeadingFrame
-from .heading import HeadingStage, axis_of, joined
+from .frames import Samples
+from .heading import HeadingStage, axis_of
 from .magnetometer import TESLA
 from .rotations import headings_of, product
 
 if TYPE_CHECKING:
-    from .frames import Samples
     from .rotations import Array
 
 #: How long the field at the start is averaged for a reference [s]. Chosen by judgement: long
@@ -82,7 +82,7 @@ class VqfPeer:
 
     def add(self, samples: Samples) -> list[HeadingFrame]:
         """Take samples; the first second waits until it is complete, for the reference."""
-        buffered = joined([*self._waiting, samples])
+        buffered = Samples.joined([*self._waiting, samples])
         if not self._started and len(buffered) >= self._start:
             self._refer(buffered.rows(0, self._start))
         count = len(buffered) // self.length * self.length if self._started else 0

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from .compiling import inlined
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -213,3 +215,14 @@ def rts_gain(
     for i in range(n):
         for j in range(n):
             gain[j, i] = sides[i, j] * scale[i]
+
+
+@inlined
+def add_variances(
+    covariance: Array, at: int, axes: Array, variances: Sequence[float] | Array
+) -> None:
+    """Add three variances, along the axes, to the block of a covariance that begins at a row."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                covariance[at + i, at + j] += axes[i, k] * axes[j, k] * variances[k]

@@ -17,6 +17,7 @@ from numba.types import UniTuple
 
 from .algebra import (
     add_rotation_matrix,
+    add_variances,
     kalman_gain,
     product,
     put_normalised,
@@ -98,7 +99,8 @@ SETTINGS = record(
 )
 #: What a frame says, in the body axes at its start: matrix of its mean turn; means of specific
 #: force and field there and of the rate in moving axes; root mean square rate; deviations of rate
-#: and force from their means; sums that tell the field's delay. Then the rotation matrix of its
+#: and force from their means; sums that tell the field's delay; variances of turn and velocity by
+#: lost samples. Then the rotation matrix of its
 #: start, and in the earth frame the mean turn, the field, and the field without that of the iron on
 #: the sensor; and what the field's tests look at. The last is written over.
 FRAME = record(
@@ -110,6 +112,7 @@ FRAME = record(
     ("rate_spread", "f8"),
     ("force_spread", "f8"),
     ("delay_sums", "f8", 2),
+    ("unseen", "f8", 6),
     ("axes", "f8", (3, 3)),
     ("earth_turn", "f8", (3, 3)),
     ("earth_field", "f8", 3),
@@ -316,6 +319,9 @@ def propagate(state: Any, frame: Any, last: Quaternion, length_s: float, p: Any)
         state.velocity[k] += dt * (force[k] - (p.gravity_mps2 if k == 2 else 0.0))
     for k in range(EARTH, SIZE):
         covariance[k, k] += p.earth_walk**2 * dt
+    if frame.unseen.any():
+        add_variances(covariance, ROTATION, axes, frame.unseen[:3])
+        add_variances(covariance, VELOCITY, axes, frame.unseen[3:])
     put_normalised(quaternion_product(start, last), state.orientation)
 
 
@@ -451,7 +457,7 @@ def passes(tests: Array, limits: Array) -> bool:
 
 @compiled(
     int64(
-        *(_ROWS, _ROWS, _ROWS, int64, int64, _STATE, _FRAME, _SETTINGS, _VALUES),
+        *(_ROWS, _ROWS, _ROWS, _ROWS, int64, int64, _STATE, _FRAME, _SETTINGS, _VALUES),
         *(_VALUES, _VALUES, _ROWS, _VALUES, from_dtype(TOLD)[::1]),
     )
 )
@@ -459,6 +465,7 @@ def filter_frames(
     rate: Array,
     force: Array,
     field: Array,
+    unseen: Array,
     length: int,
     first: int,
     state: Any,
@@ -480,6 +487,8 @@ def filter_frames(
     ----------
     rate, force, field
         Samples, shape (n, 3) each; the field is NaN where there is none.
+    unseen
+        Variances of turn and velocity by samples that were lost in each frame, shape (n_frames, 6).
     length, first
         Samples of a frame, and the frame to begin with.
     state, p
@@ -515,6 +524,8 @@ def filter_frames(
             heading[start + i] = math.atan2(y, x)
         row.sigma_rad = min(math.sqrt(max(state.covariance[2, 2], 0.0)), math.pi)
         row.gyroscope_rad, row.passed = state.gyroscope_offset_rad, 1.0
+        for k in range(6):
+            frame.unseen[k] = unseen[f, k]
         propagate(state, frame, quaternion(turns[length - 1]), length_s, p)
         row.resting = motion_update(state, frame, length_s, p)
         x, y, z = rotate(before, vector(frame.field))

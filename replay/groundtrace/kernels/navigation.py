@@ -20,6 +20,7 @@ from numba.types import UniTuple
 
 from .algebra import (
     add_rotation_matrix,
+    add_variances,
     copy_matrix,
     kalman_gain,
     product,
@@ -262,15 +263,6 @@ def error_transition(state: Any, length_s: float, gravity: float) -> None:
             out[6 + i, k] = 0.5 * length_s * out[3 + i, k]
             out[6 + i, 12 + k] = 0.5 * length_s * out[3 + i, 12 + k]
             out[6 + i, 9 + k] = length_s / 3.0 * out[3 + i, 9 + k]
-
-
-@inlined
-def add_variances(covariance: Array, at: int, axes: Array, variances: Any) -> None:
-    """Add three variances, along the axes, to the block of a covariance that begins at a row."""
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                covariance[at + i, at + j] += axes[i, k] * axes[j, k] * variances[k]
 
 
 @compiled(void(_STATE, _VALUES, float64, float64))

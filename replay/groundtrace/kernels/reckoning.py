@@ -43,7 +43,8 @@ KNOT = record(
 )
 #: A step: when it ends, its length [m] and heading by the gyroscope [rad]; the offset that the
 #: compass asks for and its deviation [rad], NaN where it says nothing, and how many in a row err
-#: alike; how long the sensor has rested since the step before [s].
+#: alike; how long the sensor has rested since the step before [s], and the variance of how far it
+#: may have turned unseen since then, as samples were lost [rad2].
 STRIDE = record(
     ("time_ns", "i8"),
     ("length_m", "f8"),
@@ -52,6 +53,7 @@ STRIDE = record(
     ("sigma_rad", "f8"),
     ("repeats", "f8"),
     ("rested_s", "f8"),
+    ("unseen_rad2", "f8"),
 )
 #: Deviations: the gyroscope's drift at the start [rad/s], its wander from step to step [rad], a
 #: length, as a part, and the azimuth of a step [rad].
@@ -254,6 +256,7 @@ def reckon(
             zero_drift(state, covariance, stride.rested_s, noise.drift)
         elapsed_s = max(0, stride.time_ns - knots[at - 1].time_ns) / ns_per_s
         wait(state, covariance, elapsed_s, noise.wander, room)
+        covariance[OFFSET, OFFSET] += stride.unseen_rad2
         if stride.rested_s > 0:
             for k in range(SIZE):
                 step[k, DRIFT] = 0.0

@@ -33,7 +33,9 @@ class Walker:
         zero = np.zeros(len(times))
         ahead = np.cos(turn + 2 * np.pi * self.lead)
         felt = np.stack([ahead, 0.5 * np.sin(turn / 2), 2 * np.cos(turn)], axis=1)
-        return LevelFrameMotion(times, np.tile(self.quaternion, (len(times), 1)), felt, felt, zero)
+        return LevelFrameMotion(
+            times, np.tile(self.quaternion, (len(times), 1)), felt, felt, zero, zero
+        )
 
 
 def told(walker: Walker, facing: BodyHeadingOffset, count: int = 20, kind: str = "") -> float:

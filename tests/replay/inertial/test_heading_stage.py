@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from turning_sensor import RATE_HZ, Turning, turning
 
+from groundtrace.inertial.rotations import headings_of, wrap_angle
 from groundtrace.pipeline.chain import Pipeline, build_pipeline
 from groundtrace.pipeline.config import load_pipeline, parse_pipeline
 from groundtrace_codecs.events import CandidateBlock, Disturbance, Gap, Heading, Note, StageSpec
@@ -74,6 +75,50 @@ def test_blocks_of_any_size_give_the_same_events(samples: int) -> None:
     whole, cut = said(blocks(case)), said(blocks(case, samples))
     assert of(whole, Heading) == of(cut, Heading)
     assert of(whole, Disturbance) == of(cut, Disturbance)
+
+
+def with_losses(case: Turning, spans: list[tuple[int, int]], samples: int = 50) -> list[Any]:
+    """The streams with straight lines over lost samples, each line after its gap."""
+    imu, mag = blocks(case, len(case.samples))
+    values = imu.values.copy()
+    for start, stop in spans:
+        weight = np.arange(1, stop - start + 1)[:, None] / (stop - start + 1)
+        values[start:stop] = values[start - 1] + weight * (values[stop] - values[start - 1])
+    filled, items, at = replace(imu, samples=values), [], 0
+    cuts = {*range(0, len(imu), samples), len(imu), *(k for span in spans for k in span)}
+    for stop in sorted(cuts)[1:]:
+        lost = next((span for span in spans if span[0] == at), None)
+        if lost:
+            times = filled.slice(*lost)
+            gap = (times.start_ns, times.end_ns, "missing", lost[1] - lost[0])
+            items.append(Gap("/imu", *gap, bridged=True))
+        items += [filled.slice(at, stop), mag.slice(at, stop)]
+        at = stop
+    return items
+
+
+LOST = [(at, at + 20) for at in range(700, 2900, 100)]
+
+
+def test_lost_samples_make_a_heading_less_sure() -> None:
+    case = turning(30.0)
+    told = of(said(with_losses(case, LOST)), Heading)
+    gapless = [item for item in with_losses(case, LOST) if not isinstance(item, Gap)]
+    unsaid = of(said(gapless), Heading)
+    sigma, before = (np.array([h.sigma_rad for h in found]) for found in (told, unsaid))
+    assert sigma[500:].mean() > 1.1 * before[500:].mean()
+    true = headings_of(case.orientation, np.array([1.0, 0, 0]))
+    at = np.searchsorted(case.samples.time_ns, [h.time_ns for h in told])
+    off = np.array([wrap_angle(h.heading_rad - true[k]) for h, k in zip(told, at, strict=True)])
+    assert np.mean(np.abs(off[500:]) < 2 * sigma[500:]) > 0.95
+
+
+@pytest.mark.parametrize("samples", [1, 7, 10**6])
+def test_lost_samples_count_the_same_in_any_blocks(samples: int) -> None:
+    case = turning(12.0)
+    spans = [(700, 709), (730, 731), (740, 770)]
+    whole, cut = said(with_losses(case, spans)), said(with_losses(case, spans, samples))
+    assert of(whole, Heading) == of(cut, Heading)
 
 
 def test_a_disturbance_has_a_start_an_end_and_a_size() -> None:

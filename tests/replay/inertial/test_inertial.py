@@ -18,14 +18,12 @@ from groundtrace.inertial.magnetometer import FootCompass
 from groundtrace.inertial.rotations import headings_of, levelled, rotated
 from groundtrace.inertial.strapdown import (
     GYRO,
-    LINE_SIGMA,
     PLACE,
     SPEED,
     TURN,
     FootNavigatorParameters,
     Pose,
     Segments,
-    StraightLines,
     integrate,
 )
 from groundtrace.kernels.navigation import pose_error
@@ -223,33 +221,3 @@ def test_a_field_of_another_strength_or_dip_is_no_compass() -> None:
     assert turned_left == pytest.approx(0.1, abs=0.001)
     assert compass.turned_by(level, np.array([25e-6, 0, -50e-6])) is None
     assert compass.turned_by(level, np.array([40e-6, 0, -20e-6])) is None
-
-
-def test_a_parabola_under_a_line_is_told_from_the_bends_at_its_ends():
-    """Of x = t^2 a line over T lacks T^3 / 6, and bends by T and its neighbours at both ends."""
-    lines, rate_hz = StraightLines(10.0), 10.0
-    x = np.repeat(np.arange(12.0)[:, None] ** 2, 6, axis=1)
-    lost = slice(5, 8)
-    x[lost] = x[4] + (x[8] - x[4]) * np.arange(1, 4)[:, None] / 4
-    said = lines(x[:5])
-    lines.lose(3)
-    said = np.concatenate([said, lines(x[5:])])
-    # neighbours bend by 2; the line of 4 by 4 + 1 before and after it
-    of_neighbours = (LINE_SIGMA[0] / 12 * 2.0 / rate_hz) ** 2
-    of_lost = (LINE_SIGMA[1] / 12 * 4**2 * 5.0 / rate_hz) ** 2
-    assert said[3, 0] == pytest.approx(of_neighbours)
-    assert said[9] == pytest.approx(np.full(6, of_lost))
-    assert (said[[0, 1, 2, 5, 6, 7]] == 0.0).all()
-
-
-@given(st.lists(st.integers(0, 9), min_size=1, max_size=8), st.integers(0, 2**32 - 1))
-def test_lines_are_told_the_same_in_any_blocks(sizes: list[int], seed: int) -> None:
-    x = np.random.default_rng(seed).normal(size=(sum(sizes), 6))
-    whole, parts, at = StraightLines(100.0), StraightLines(100.0), 0
-    for one in (whole, parts):
-        one.lose(min(3, len(x)))
-    told = []
-    for size in sizes:
-        told.append(parts(x[at : at + size]))
-        at += size
-    np.testing.assert_array_equal(np.concatenate(told), whole(x))

@@ -188,3 +188,15 @@ def test_a_direction_that_nothing_tells_is_in_the_spread_until_a_place_tells_it(
     (known,) = made.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
     (same,) = plain.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
     assert known.covariance == pytest.approx(same.covariance)
+
+
+def test_a_turn_that_lost_samples_hid_widens_the_way_after_it() -> None:
+    hidden, plain = track(walker()), track(walker())
+    for k in range(1, 21):
+        for one, unseen_rad2 in ((hidden, 0.01 if k == 11 else 0.0), (plain, 0.0)):
+            stride = Stride(at(k), 1.0, 0.0, None, 0.0, unseen_rad2)
+            (point, *_) = one.step(stride, 0.0, settled=True)
+            if one is hidden:
+                aside = point.covariance[2]
+    added = aside - point.covariance[2]
+    assert added == pytest.approx(10.0**2 * 0.01, rel=0.01)

@@ -73,7 +73,7 @@ def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> LevelFrameMo
     times = np.rint(time_s * NS_PER_S).astype(np.int64)
     acceleration = np.stack([0 * up, 0 * up, up], axis=1)
     still = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    return LevelFrameMotion(times, still, acceleration, np.full((n, 3), np.nan), np.zeros(n))
+    return LevelFrameMotion(times, still, acceleration, np.full((n, 3), np.nan), *np.zeros((2, n)))
 
 
 def test_the_rise_of_a_body_that_bobs_is_found_from_its_acceleration() -> None:
