@@ -33,6 +33,15 @@ IRON, EARTH = slice(9, 12), slice(12, 14)
 #: Chosen by judgement: two samples at 100 Hz.
 DELAY_PRIOR = (1e-6 / 0.02) ** 2
 
+#: How far the first frame's specific force may be off the vertical, of a sensor that is still and
+#: of one that moves [rad]. Chosen by judgement: cheap accelerometers are 0.3 m/s2 off; who moves
+#: is pushed by some m/s2, and 20 or 45 degrees do as well (bench: heading_accuracy.py --begin).
+STILL_RAD, MOVING_RAD = math.radians(2.0), math.radians(30.0)
+#: How well the tilt must be known before a field is taken for the earth's, a deviation [rad].
+#: Bench: heading_accuracy.py --begin, of 2, 3, 4, 6 and 8 degrees on the seven trials at hand: less
+#: takes too long, with more the reference is wrong.
+LEVEL_RAD = math.radians(4.0)
+
 
 @dataclass(frozen=True, slots=True)
 class AttitudeNoise:
@@ -123,9 +132,17 @@ class Attitude:
         """Standard deviation of the heading [rad]."""
         return float(np.sqrt(max(self.state["covariance"][2, 2], 0.0)))
 
-    def start(self, force: Array) -> None:
-        """Level by the first frame's specific force; the heading is the body's x axis for now."""
-        tilt, speed = np.radians(5.0), self.noise.speed_mps
+    @property
+    def tilt_rad(self) -> float:
+        """Standard deviation of the tilt about the axis that is known less well [rad]."""
+        return float(np.sqrt(np.diag(self.state["covariance"])[:2].max()))
+
+    def start(self, force: Array, *, still: bool) -> None:
+        """Level by the first frame's specific force; the heading is the body's x axis for now.
+
+        Of a sensor that moves, it is gravity and an acceleration that nothing tells.
+        """
+        tilt, speed = STILL_RAD if still else MOVING_RAD, self.noise.speed_mps
         bias, iron = self.noise.bias_start, self.noise.iron_start
         sigma = [tilt, tilt, np.pi] + 3 * [speed] + 3 * [bias] + 3 * [iron] + 2 * [0.0]
         self.state["orientation"] = levelled(force)
@@ -136,7 +153,9 @@ class Attitude:
         """Turn north to where a field points, earth frame, shape (3,) [T]."""
         self.turn_heading(math.atan2(field[0], field[1]))
         flat = max(math.hypot(field[0], field[1]), 1e-9)
-        self.reset_heading(math.hypot(sigma_t, self.noise.iron_start) / flat)
+        # a tilt turns what points up or down aside
+        aside_t = self.tilt_rad * float(field[2])
+        self.reset_heading(math.hypot(sigma_t, self.noise.iron_start, aside_t) / flat)
 
     def take_earth(self, north_t: float, up_t: float, sigma_t: float) -> None:
         """Take a field for the earth's, by its horizontal and vertical part [T]."""

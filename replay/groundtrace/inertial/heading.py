@@ -25,6 +25,7 @@ from .. import kernels
 from ..pipeline.gates import Candidates
 from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage
 from .attitude import (
+    LEVEL_RAD,
     Attitude,
     AttitudeNoise,
     HeadingFrame,
@@ -97,6 +98,7 @@ class HeadingEstimator:
         self.calibration = Calibration()
         self._waiting: list[Samples] = []
         self._faced = False  # a field
+        self._waits = False  # there is a field, but the sensor is not known to be level
 
     @property
     def delay_s(self) -> float:
@@ -136,11 +138,18 @@ class HeadingEstimator:
         attitude = self.attitude
         samples = replace(samples, field=self.calibration.corrected(samples.field))
         frame = frame_of(samples, 1.0 / self.rate_hz, attitude.bias, self.delay_s)
+        record = frame.record
         if not attitude.started:
-            attitude.start(frame.record["force"])
-        field = frame.record["field"]
+            still = np.linalg.norm(record["rate"]) < REST_RATE
+            still = still and record["rate_spread"] < REST_SPREAD
+            still = still and record["force_spread"] < REST_FORCE
+            attitude.start(record["force"], still=bool(still))
+        field = record["field"]
         if np.isnan(attitude.earth[0]) and np.isfinite(field).all():
-            self._meet(matrix(attitude.orientation) @ field)
+            if attitude.tilt_rad <= LEVEL_RAD:
+                self._meet(matrix(attitude.orientation) @ field)
+            else:
+                self._waits = True
         return frame
 
     def _frame(self, samples: Samples, scalar: ScalarFilter) -> HeadingFrame:
@@ -149,7 +158,7 @@ class HeadingEstimator:
         state, frame = attitude.state, self._begin(samples)
         orientation = product(attitude.orientation, frame.turns)
         heading = headings_of(orientation, self.axis)
-        sigma, offset = attitude.heading_sigma_rad, float(state["gyroscope_offset_rad"])
+        sigma, offset = self._sigma_rad(), float(state["gyroscope_offset_rad"])
         resting = self._move(frame, scalar)
         moved = attitude.orientation
         tests, compass_rad, undisturbed = self._look(frame, scalar)
@@ -158,6 +167,7 @@ class HeadingEstimator:
         alone = (wrap_angle(heading[0] + turn) for turn in (offset, compass_rad))
         raw = samples.field[len(samples) // 2 : len(samples) // 2 + 1]
         notes = self.calibrate(raw, np.array([compass]), np.array([undisturbed]))
+        told = (*self.news(), *notes.get(0, ()))
         return HeadingFrame(
             time_ns=samples.time_ns,
             orientation=orientation,
@@ -168,8 +178,13 @@ class HeadingEstimator:
             undisturbed=undisturbed,
             compass=compass,
             resting=resting,
-            notes=notes.get(0, ()),
+            notes=told,
         )
+
+    def _sigma_rad(self) -> float:
+        """Return the heading's deviation [rad]; before there is a field nothing tells it."""
+        unknown = np.isnan(self.attitude.earth[0])
+        return math.pi if unknown else self.attitude.heading_sigma_rad
 
     def _meet(self, field: Array) -> None:
         """Take the first field, earth frame [T], for the earth's."""
@@ -181,6 +196,12 @@ class HeadingEstimator:
         turn = turn_about_vertical(before, attitude.orientation)
         state["gyroscope_offset_rad"] = state["gyroscope_offset_rad"] - turn if self._faced else 0.0
         self._faced = True
+
+    def news(self) -> tuple[str, ...]:
+        """Return what a person should know since it was asked for last: of a late beginning."""
+        late = self._waits and self._faced
+        self._waits = self._waits and not late
+        return (LATE,) if late else ()
 
     def _move(self, frame: InertialFrame, scalar: ScalarFilter) -> bool:
         """Go on to the frame's end by gyroscope and specific force; say whether it rests."""
@@ -202,7 +223,7 @@ class HeadingEstimator:
         verdict.
         """
         record, state, compass = frame.record, self.attitude.state, self.compass
-        if not np.isfinite(record["field"]).all():
+        if not np.isfinite(record["field"]).all() or np.isnan(self.attitude.earth[0]):
             return np.full(len(TESTS), np.nan), math.nan, True
         p = settings_of(self, frame.length_s)
         compass.make_room(state, int(p["deviation_frames"]), 1)
@@ -279,6 +300,11 @@ def _scalar_filter(parameters: HeadingParameters) -> ScalarFilter | None:
 #: A sensor rests that turns and shakes by less than this for a time [rad/s], [m/s2], [s]. Chosen by
 #: judgement: over the offset and noise of cheap sensors, under what a person who stands does.
 REST_RATE, REST_SPREAD, REST_FORCE, REST_S = 0.05, 0.02, 0.15, 1.0
+#: What a person is told where a sensor was not level at first.
+LATE = (
+    "the sensor moved when its signal began, so that its heading is known from here on: until then "
+    "the deviation of headings is 180 degrees"
+)
 #: Velocity left at rest [m/s]. Chosen by judgement: who stands sways by some 0.01 m/s.
 REST_SPEED = 0.02
 #: What of the noise frames are filtered by.
@@ -301,6 +327,7 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
     if np.isnan(attitude.earth[0]):
         sees = np.isfinite(field[: count * length]).reshape(count, -1).all(axis=1)
         count = max(int(np.argmax(sees)) if sees.any() else count, 1)
+        field = np.full_like(field, np.nan)  # it says nothing to a sensor that is not level
     rows = count * length
     orientation, heading = np.empty((rows, 4)), np.empty(rows)
     outputs, frame = np.zeros(count, kernels.attitude.TOLD), np.zeros((), kernels.attitude.FRAME)
@@ -327,18 +354,21 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
     )
     alone = np.degrees((alone + math.pi) % (2 * math.pi) - math.pi)
     seen, passed = np.isfinite(outputs["compass_rad"]), outputs["passed"] > 0
+    notes = one.calibrate(samples.field[length // 2 : rows : length], seen, passed)
+    notes[0] = (*one.news(), *notes.get(0, ()))
     return HeadingFrames(
         time_ns=samples.time_ns[:rows],
         orientation=orientation,
         heading_rad=heading,
         first=np.arange(0, rows + 1, length),
-        sigma_rad=outputs["sigma_rad"],
+        # before there is a field nothing tells it
+        sigma_rad=np.full(count, math.pi) if np.isnan(attitude.earth[0]) else outputs["sigma_rad"],
         bias=outputs["gyro_bias"],
         values=np.concatenate([outputs["tests"], alone], axis=1),
         undisturbed=passed,
         compass=seen,
         resting=outputs["resting"] > 0,
-        notes=one.calibrate(samples.field[length // 2 : rows : length], seen, passed),
+        notes=notes,
     )
 
 
@@ -364,7 +394,7 @@ def settings_of(one: HeadingEstimator, length_s: float) -> NDArray[Any]:
         "step_s": 1 / one.rate_hz,
         "deviation_frames": window[0],
         "derivative_frames": window[1],
-        "gyroscope_heading": one.attitude.free,
+        "gyroscope_heading": one.attitude.free or np.isnan(one.attitude.earth[0]),
     }.items():
         settings[name] = value
     return settings

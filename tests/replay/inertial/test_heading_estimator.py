@@ -165,4 +165,5 @@ def test_the_gyroscope_alone_learns_nothing_of_the_compass() -> None:
     gyroscope, _ = alone(unrested)
     # a bias of 0.005 + 0.003 rad/s that no rest has shown: it drifts while the fused heading stays
     assert np.nanmax(np.abs(gyroscope)) > 10.0
-    assert rmse(errors_deg(unrested, run(unrested))) < 4.0
+    found = run(unrested)
+    assert rmse(errors_deg(unrested, found)[found.sigma < np.pi]) < 4.0

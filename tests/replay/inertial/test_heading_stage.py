@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from turning_sensor import RATE_HZ, Turning, turning
 
-from groundtrace.inertial.rotations import headings_of, wrap_angle
+from groundtrace.inertial.rotations import headings_of, rotated, wrap_angle
 from groundtrace.pipeline.chain import Pipeline, build_pipeline
 from groundtrace.pipeline.config import load_pipeline, parse_pipeline
 from groundtrace_codecs.events import CandidateBlock, Disturbance, Gap, Heading, Note, StageSpec
@@ -218,3 +218,47 @@ def test_turning_in_counts_gives_no_heading() -> None:
     unknown = stream("/imu", ("acceleration", "m/s2"), ("angular_velocity", "count"))
     items = [replace(b, stream=unknown) if b.topic == "/imu" else b for b in blocks(turning(5.0))]
     assert not of(said(items), Heading)
+
+
+def of_rows(case: Turning, start: int) -> Turning:
+    """What remains of a case from a sample on."""
+    rows = case.samples.rows(start, len(case.samples))
+    return Turning(rows, case.orientation[start:])
+
+
+def test_a_sensor_that_moves_at_first_has_no_heading_until_it_is_level() -> None:
+    within, latest = [], []
+    for start in range(700, 1700, 100):
+        case = of_rows(turning(30.0), start)
+        events = said(blocks(case))
+        found = of(events, Heading)
+        true = headings_of(case.orientation, np.array([1.0, 0, 0]))
+        steep = np.abs(rotated(case.orientation, np.array([1.0, 0, 0]))[:, 2]) > 0.9
+        at = np.searchsorted(
+            case.samples.time_ns - case.samples.time_ns[0], [h.time_ns for h in found]
+        )
+        sigma = np.array([h.sigma_rad for h in found])
+        off = np.array(
+            [wrap_angle(h.heading_rad - true[k]) for h, k in zip(found, at, strict=True)]
+        )
+        unknown = sigma == np.pi
+        assert unknown[0]
+        latest.append(found[int(np.flatnonzero(unknown)[-1])].time_ns / 1e9)
+        (note,) = [e for e in of(events, Note) if "moved when its signal began" in e.text]
+        assert note.time_ns / 1e9 == pytest.approx(latest[-1], abs=0.3)
+        within += (np.abs(off) < 2 * sigma)[~steep[at]].tolist()
+    assert np.mean(within) > 0.95
+    assert max(latest) < 8.0
+
+
+def test_without_a_field_nothing_tells_the_heading() -> None:
+    found = of(said([b for b in blocks(turning(10.0)) if b.topic == "/imu"]), Heading)
+    assert {h.sigma_rad for h in found} == {np.pi}
+
+
+@pytest.mark.parametrize("samples", [1, 7, 10**6])
+def test_a_late_heading_is_the_same_in_any_blocks(samples: int) -> None:
+    case = of_rows(turning(15.0), 800)
+    whole, cut = said(blocks(case)), said(blocks(case, samples))
+    assert of(whole, Heading) == of(cut, Heading)
+    assert of(whole, Note) == of(cut, Note)
