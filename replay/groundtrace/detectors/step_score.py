@@ -522,8 +522,8 @@ def surroundings(rows: Array, odds: Array, chosen: slice, seen: ColumnBuffer) ->
     at = index.clip(seen.first, seen.end - 1) - seen.first
     middle = seen.values[[len(TAPS) // 2, len(TAPS) + len(TAPS) // 2]]
     strength = [_strength(middle, index - seen.first, *band) for band in _BANDS]
-    own = [odds[chosen], candidates[:, 2], candidates[:, 5], step_s]
-    return np.column_stack([*own, *best, seen.values[:, at].T, *strength])
+    measured = [odds[chosen], candidates[:, 2], candidates[:, 5], step_s]
+    return np.column_stack([*measured, *best, seen.values[:, at].T, *strength])
 
 
 def _odds(likeness: Array) -> Array:

@@ -167,7 +167,7 @@ class HeadingEstimator:
         alone = (wrap_angle(heading[0] + turn) for turn in (offset, compass_rad))
         raw = samples.field[len(samples) // 2 : len(samples) // 2 + 1]
         notes = self.calibrate(raw, np.array([compass]), np.array([undisturbed]))
-        told = (*self.news(), *notes.get(0, ()))
+        texts = (*self.news(), *notes.get(0, ()))
         return HeadingFrame(
             time_ns=samples.time_ns,
             orientation=orientation,
@@ -178,7 +178,7 @@ class HeadingEstimator:
             undisturbed=undisturbed,
             compass=compass,
             resting=resting,
-            notes=told,
+            notes=texts,
         )
 
     def _sigma_rad(self) -> float:

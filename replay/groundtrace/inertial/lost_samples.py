@@ -58,32 +58,32 @@ class StraightLines:
         -------
         Shape (n, m), in squares of the values' units times seconds; 0 elsewhere.
         """
-        came = len(self._values)
-        x = self._values = np.concatenate([self._values, values]) if came else values
+        remembered = len(self._values)
+        x = self._values = np.concatenate([self._values, values]) if remembered else values
         self._recorded = np.concatenate([self._recorded, ~lost])
         at, variance = np.flatnonzero(self._recorded), np.zeros(values.shape)
         if not len(at):
             return variance
         start, stop = at[:-1], at[1:]
         side = np.clip((stop - start) // 2, 1, self._side)
-        told = stop + side
-        waits = told >= len(x)
+        known_at = stop + side
+        waits = known_at >= len(x)
         first = max(int(start[waits][0] if waits.any() else at[-1]) - self._side, 0)
         self._values, self._recorded = x[first:], self._recorded[first:]
-        counted = (told >= came) & ~waits & (start > 0)
+        counted = (known_at >= remembered) & ~waits & (start > 0)
         if not self._between_neighbours:
             counted &= stop - start > 1
         if counted.any():
-            ends = (y[counted] for y in (start, stop, side, told))
-            np.add.at(variance, told[counted] - came, self._off(x, *ends) ** 2)
+            ends = (y[counted] for y in (start, stop, side, known_at))
+            np.add.at(variance, known_at[counted] - remembered, self._off(x, *ends) ** 2)
         return variance
 
-    def _off(self, x: Array, start: Index, stop: Index, side: Index, told: Index) -> Array:
+    def _off(self, x: Array, start: Index, stop: Index, side: Index, known_at: Index) -> Array:
         """Return how far the integral over each line may be off, shape (k, m)."""
         length, early = (stop - start)[:, None], np.minimum(side, start)
         slope = (x[stop] - x[start]) / length
         before = (x[start] - x[start - early]) / early[:, None]
-        after = (x[told] - x[stop]) / side[:, None]
+        after = (x[known_at] - x[stop]) / side[:, None]
         bend = np.maximum(np.abs(slope - before), np.abs(after - slope))
         sigma = np.where(length > 1, *LINE_SIGMA[::-1])
         off: Array = sigma / 12 * length**2 * bend * self._period_s
