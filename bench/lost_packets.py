@@ -18,8 +18,10 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest import mock
 
 import numpy as np
 from heading_accuracy import imported, rms
@@ -27,6 +29,7 @@ from published_walks import unseen, write_back
 
 from groundtrace.evaluation.headings import heading_errors
 from groundtrace.evaluation.matching import f1_score, match
+from groundtrace.inertial.heading import HeadingStage
 from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.engine import EventList, replay
@@ -36,7 +39,7 @@ from groundtrace.simulate.road import VehicleOptions
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace.simulate.vehicle import simulate_vehicle
-from groundtrace_codecs.events import Fix, Gap, Heading, Pass, StepEvent, TrackPoint
+from groundtrace_codecs.events import Fix, Heading, Pass, StepEvent, TrackPoint
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -90,17 +93,13 @@ def lose(source: Path, out: Path, packet_s: float, rate: float) -> None:
         )
 
 
-def replayed(
-    path: Path, pipeline: str, limit_s: float | None, *, tell: bool = True
-) -> tuple[list[Event], Recording]:
-    """Return the events of a replay with gaps filled up to a limit; ``tell``: of filled gaps."""
+def replayed(path: Path, pipeline: str, limit_s: float | None) -> tuple[list[Event], Recording]:
+    """Return the events of a replay with gaps filled up to a limit."""
     sink = EventList()
     with Recording.open(path) as recording:
         chain = build_pipeline(load_pipeline(pipeline), recording.geometry, recording.labels)
         bridge_s = chain.bridge_s if limit_s is None else limit_s
-        items = iter(Source(recording, bridge_s=bridge_s))
-        given = (x for x in items if tell or not (isinstance(x, Gap) and x.filled))
-        replay(given, chain, [sink])
+        replay(Source(recording, bridge_s=bridge_s), chain, [sink])
         return sink.events, recording
 
 
@@ -159,7 +158,9 @@ def walkers(made: list[Path], lossy: Path) -> None:
 
 def heading_off(path: Path, *, tell: bool) -> np.ndarray:
     """Return errors of headings and what they claim, shape (2, n) [deg]."""
-    events, recording = replayed(path, "heading", None, tell=tell)
+    untold = mock.patch.object(HeadingStage, "filled")
+    with nullcontext() if tell else untold:
+        events, recording = replayed(path, "heading", None)
     found = [e for e in events if isinstance(e, Heading)]
     times, errors = heading_errors(recording.labels, found, 0.12)
     sigma = np.interp(times, [e.time_ns for e in found], [e.sigma_rad for e in found])
