@@ -47,8 +47,8 @@ class Samples:
     field
         Magnetic field, shape (n, 3) [T]; NaN where there is none.
     unseen
-        How far straight lines in place of lost samples may be off: variances of the turn and of the
-        velocity, shape (n, 6) [rad2, m2/s2]; 0 elsewhere.
+        How far straight lines between samples, and in place of lost ones, may be off: variances of
+        the turn and of the velocity, shape (n, 6) [rad2, m2/s2].
     """
 
     time_ns: NDArray[np.int64]
@@ -243,8 +243,7 @@ class SensorAligner:
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):
                 if quantity == "angular_velocity" and self._lines is None:
-                    rate_hz = block.stream.rate_hz
-                    self._lines = StraightLines(rate_hz, between_neighbours=False)
+                    self._lines = StraightLines(block.stream.rate_hz)
                     self._period_ns = block.stream.period_ns
                 unit = block.stream.channels[columns[0]].unit
                 if unit in UNKNOWN_UNITS:

@@ -1,4 +1,4 @@
-"""How far motion may be off that is integrated over straight lines in place of lost samples."""
+"""How far motion may be off that is integrated over lines between samples, or over lost ones."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 #: How far the integral over a straight line may be off, one standard deviation, in T^2 / 12 times
-#: the larger of its bends at both ends, T its length: that of a parabola is 4 / 3. The first
-#: between neighbours, whose errors partly cancel, the second over lost samples. Bench:
-#: lost_samples.py.
-LINE_SIGMA = (0.5, 2.5)
+#: the larger of its bends at both ends, T its length: that of a parabola is 4 / 3. Bench:
+#: lost_samples.py for feet; lost_packets.py and heading_accuracy.py --thin for headings.
+LINE_SIGMA = 2.5
+#: The same between neighbours of a foot, whose errors partly cancel. Bench: lost_samples.py.
+FOOT_SIGMA = 0.5
 #: A line's bend is that against the lines over half of its length on either side, but over no more
 #: than this [s]. Chosen by judgement: half of the longest gap that is filled.
 SIDE_S = 0.15
@@ -33,14 +34,14 @@ class StraightLines:
     ----------
     rate_hz
         Sampling rate [Hz].
-    between_neighbours
-        Whether lines count as well that lie between two samples with none lost.
+    neighbours
+        As :data:`LINE_SIGMA`, of lines between samples with none lost between them.
     """
 
-    def __init__(self, rate_hz: float, *, between_neighbours: bool) -> None:
+    def __init__(self, rate_hz: float, neighbours: float = LINE_SIGMA) -> None:
         self._period_s = 1.0 / rate_hz
         self._side = max(1, round(SIDE_S * rate_hz))
-        self._between_neighbours = between_neighbours
+        self._neighbours = neighbours
         self._values: Array = np.empty((0, 0))
         self._recorded = np.empty(0, np.bool_)
 
@@ -71,8 +72,6 @@ class StraightLines:
         first = max(int(start[waits][0] if waits.any() else at[-1]) - self._side, 0)
         self._values, self._recorded = x[first:], self._recorded[first:]
         counted = (known_at >= remembered) & ~waits & (start > 0)
-        if not self._between_neighbours:
-            counted &= stop - start > 1
         if counted.any():
             ends = (y[counted] for y in (start, stop, side, known_at))
             np.add.at(variance, known_at[counted] - remembered, self._off(x, *ends) ** 2)
@@ -85,6 +84,6 @@ class StraightLines:
         before = (x[start] - x[start - early]) / early[:, None]
         after = (x[known_at] - x[stop]) / side[:, None]
         bend = np.maximum(np.abs(slope - before), np.abs(after - slope))
-        sigma = np.where(length > 1, *LINE_SIGMA[::-1])
+        sigma = np.where(length > 1, LINE_SIGMA, self._neighbours)
         off: Array = sigma / 12 * length**2 * bend * self._period_s
         return off

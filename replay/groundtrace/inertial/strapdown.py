@@ -28,7 +28,7 @@ from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 from .. import kernels
 from ..detectors.zero_velocity import RecentPeak, ZeroVelocityStatistic
 from ..pipeline.parameters import gate, measured
-from .lost_samples import StraightLines
+from .lost_samples import FOOT_SIGMA, StraightLines
 from .rotations import normalised, product
 
 if TYPE_CHECKING:
@@ -438,7 +438,7 @@ class Segments:
         self._late = round(self._statistic.delay_ns * rate_hz / NS_PER_S)
         self._times = np.empty(0, np.int64)
         self._plateaus = GyroPlateaus(rate_hz)
-        self._lines = StraightLines(rate_hz, between_neighbours=True)
+        self._lines = StraightLines(rate_hz, FOOT_SIGMA)
         self._lost = 0  # of the next samples
         self._samples = np.empty((0, 19))
         self._values = np.empty((0, 2))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace.inertial.lost_samples import LINE_SIGMA, SIDE_S, StraightLines
+from groundtrace.inertial.lost_samples import FOOT_SIGMA, LINE_SIGMA, SIDE_S, StraightLines
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -29,27 +29,27 @@ def test_a_parabola_under_a_line_is_told_from_the_lines_beside_it() -> None:
     """Of x = t^2 a line over T bends by 3/2 T against those over T / 2 on either side."""
     rate_hz, lost = 10.0, mask(14, (6, 9))
     x = on_lines(np.repeat(np.arange(14.0)[:, None] ** 2, 6, axis=1), lost)
-    told = StraightLines(rate_hz, between_neighbours=False)(x, lost)
+    told = StraightLines(rate_hz, 0.0)(x, lost)
     side = round(SIDE_S * rate_hz)  # 2, half of the line from 5 to 9
     assert np.flatnonzero(told.any(axis=1)).tolist() == [9 + side]
-    off = LINE_SIGMA[1] / 12 * 4**2 * (4 + side) / rate_hz
+    off = LINE_SIGMA / 12 * 4**2 * (4 + side) / rate_hz
     assert told[9 + side] == pytest.approx(np.full(6, off**2))
 
 
-def test_neighbours_count_where_they_are_to() -> None:
-    """Of x = t^2 the line between neighbours bends by 2, of which less counts."""
+@pytest.mark.parametrize("neighbours", [0.0, FOOT_SIGMA, LINE_SIGMA])
+def test_lines_between_neighbours_count_as_they_are_to(neighbours: float) -> None:
+    """Of x = t^2 the line between neighbours bends by 2."""
     x, rate_hz = np.arange(9.0)[:, None] ** 2, 10.0
-    told = StraightLines(rate_hz, between_neighbours=True)(x, mask(9))
-    off = LINE_SIGMA[0] / 12 * 2.0 / rate_hz
+    told = StraightLines(rate_hz, neighbours)(x, mask(9))
+    off = neighbours / 12 * 2.0 / rate_hz
     assert told[3:, 0] == pytest.approx(np.full(6, off**2))
     assert not told[:3].any()
-    assert not StraightLines(rate_hz, between_neighbours=False)(x, mask(9)).any()
 
 
 def test_a_straight_motion_loses_nothing() -> None:
     lost = mask(40, (10, 15), (18, 30))
     x = 3.0 * np.arange(40.0)[:, None] - 7.0
-    told = StraightLines(100.0, between_neighbours=True)(on_lines(x, lost), lost)
+    told = StraightLines(100.0)(on_lines(x, lost), lost)
     assert told == pytest.approx(0.0, abs=1e-20)
 
 
@@ -63,7 +63,7 @@ def test_swings_of_other_periods_are_off_by_what_is_claimed(hz: float, span: int
         lost = mask(120, (40, 40 + span))
         line = on_lines(x, lost)
         off.append(((x - line).sum() / rate_hz) ** 2)
-        told = StraightLines(rate_hz, between_neighbours=False)(line, lost)
+        told = StraightLines(rate_hz, 0.0)(line, lost)
         claimed.append(told.sum())
     assert 0.2 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.0
 
@@ -77,7 +77,7 @@ def test_lines_are_told_the_same_in_any_blocks(
     rng, count = np.random.default_rng(seed), sum(sizes)
     x, lost = rng.normal(size=(count, 6)), rng.random(count) < share
     lost[:1] = False
-    whole, parts = (StraightLines(100.0, between_neighbours=between_neighbours) for _ in range(2))
+    whole, parts = (StraightLines(100.0) for _ in range(2))
     cuts = np.cumsum(sizes)[:-1]
     told = [parts(a, b) for a, b in zip(np.split(x, cuts), np.split(lost, cuts), strict=True)]
     np.testing.assert_array_equal(np.concatenate(told), whole(x, lost))
