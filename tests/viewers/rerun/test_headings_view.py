@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from groundtrace_viewers.rerun.headings import MOST_RATIO, Truth, cut, ratios, w
 if TYPE_CHECKING:
     from pathlib import Path
 
+ROWS = ("time_ns", "channel", "value", "gate_value", "margin", "accepted")
 MEASURED, SCALARS = "Measurements:values", "Scalars:scalars"
 #: One and a half turns in three seconds, and headings 6 degrees ahead that claim 3.
 TURNING = np.linspace(0.0, 3 * np.pi, 31)
@@ -151,6 +153,20 @@ def test_the_words_at_the_cursor_say_heading_error_and_compass(turn: Path) -> No
         "compass used; nearest gate field 0.9 < 4.5 uT",
     ]
     assert "**compass not used**: field 9 > 4.5 uT" in texts[3][0]
+
+
+def test_a_heading_that_nothing_tells_is_said_to_be_not_known(tmp_path: Path) -> None:
+    unknown = [replace(h, sigma_rad=np.pi) for h in turning_headings()]
+    late = frames()
+    later = replace(late, **{name: getattr(late, name)[20:] for name in ROWS})
+    path = write_walk(tmp_path / "late.rrd", turning_truth(), *unknown, later)
+    _, texts = read_back(path, "/heading-now", "TextDocument:text")
+    assert texts[0][0].split("  \n") == [
+        "**Heading not known**",
+        "truth +0.0°, **error +6.0°**",
+        "no field is tested here",
+    ]
+    assert "compass used" in texts[-1][0]
 
 
 def test_without_truth_there_is_no_error(tmp_path: Path) -> None:

@@ -483,15 +483,19 @@ class _Story:
         self, now_ns: int, degrees: float, sigma: float, true: float, gates: Sequence[GateSpec]
     ) -> str:
         """Return what is known at a moment, as markdown."""
-        lines = [f"**Heading {wrapped(np.array(degrees)):+.1f}° ± {sigma:.1f}°**"]
+        is_known = sigma < UNKNOWN_DEG
+        claimed = f"{wrapped(np.array(degrees)):+.1f}° ± {sigma:.1f}°" if is_known else "not known"
+        lines = [f"**Heading {claimed}**"]
         if len(self.truth):
             error = float(wrapped(np.array(degrees - true)))
-            off = f" ({abs(error) / sigma:.1f} σ)" if sigma > 0 else ""
+            off = f" ({abs(error) / sigma:.1f} σ)" if is_known and sigma > 0 else ""
             error_text = f"truth {true:+.1f}°, **error {error:+.1f}°**{off}"
             lines.append(error_text if math.isfinite(true) else "no truth here")
         frames = self.frames
         if frames is not None and len(frames.times):
-            row = int(np.clip(np.searchsorted(frames.times, now_ns), 0, len(frames.times) - 1))
+            row = int(np.argmin(np.abs(frames.times - now_ns)))
+            if abs(int(frames.times[row]) - now_ns) > FRAME_NS:
+                return "  \n".join([*lines, "no field is tested here"])
             alone = [
                 f"{name} alone {wrapped(value[row : row + 1])[0]:+.1f}°"
                 for name, value in frames.alone.items()
@@ -515,6 +519,10 @@ class _Story:
         return f"compass used; nearest gate {gate_text}"
 
 
+#: A deviation from which on a heading is not known [degrees]. Source: definition, half a turn.
+UNKNOWN_DEG = 180.0
+#: A frame is no longer than this [ns]. Source: the largest ``frame_s`` of a heading.
+FRAME_NS = NS_PER_S // 2
 #: What headings claim.
 _CLAIMED = 0x56B4E9FF
 
