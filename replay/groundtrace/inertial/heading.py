@@ -140,10 +140,9 @@ class HeadingEstimator:
         frame = frame_of(samples, 1.0 / self.rate_hz, attitude.bias, self.delay_s)
         record = frame.record
         if not attitude.started:
-            still = np.linalg.norm(record["rate"]) < REST_RATE
-            still = still and record["rate_spread"] < REST_SPREAD
-            still = still and record["force_spread"] < REST_FORCE
-            attitude.start(record["force"], still=bool(still))
+            moves = (np.linalg.norm(record["rate"]), record["rate_spread"], record["force_spread"])
+            still = bool((np.array(moves) < (REST_RATE, REST_SPREAD, REST_FORCE)).all())
+            attitude.start(record["force"], still=still)
         field = record["field"]
         if np.isnan(attitude.earth[0]) and np.isfinite(field).all():
             if attitude.tilt_rad <= LEVEL_RAD:

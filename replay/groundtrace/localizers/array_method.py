@@ -6,10 +6,10 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from groundtrace_codecs.events import EVENTS, Pick, StepEvent
+from groundtrace_codecs.events import EVENTS, Note, Pick, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..pipeline.buffers import KEEP_NS
+from ..pipeline.buffers import HEARD_NS, KEEP_NS
 from ..pipeline.parameters import measured
 from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage, StepMeasure
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Note
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
@@ -147,16 +146,30 @@ class ArrayMethod(Stage):
             earlier = given.popleft()
             assert earlier.time_ns == time_ns  # spans have the steps of the whole
             measured = earlier.value
-        else:
+        elif signal.is_heard_before(time_ns):
             start_ns, values = signal.window(time_ns)
             arrivals = signal.arrivals(time_ns, start_ns)
             window = Window(time_ns, start_ns, signal.stream.rate_hz, values, arrivals)
             measured = self.measure(window, beforehand=self._context.beforehand)
+        else:  # what came first may be missing
+            measured = None
         if self._context.beforehand:
             made: Any = StepMeasure(time_ns, self._topic, self._stage, measured)
             return (made,)
+        if measured is None:
+            return (self._unheard(time_ns),)
         candidates = self.examine(measured)
         return (*self.remarks(time_ns), candidates)
+
+    def _unheard(self, time_ns: int) -> Note:
+        """Say why nothing is told of a step."""
+        return Note(
+            time_ns,
+            f"{self._topic}: there is less than {HEARD_NS / 1e6:g} ms of signal before this step: "
+            f"what came first may be missing, so that {self._stage} tells nothing of it",
+            "INFO",
+            self._stage,
+        )
 
 
 def takes_steps(quantities: frozenset[str]) -> tuple[Input, ...]:

@@ -128,6 +128,11 @@ def _parts(block: SignalBlock, cuts: Sequence[int]) -> Iterator[SignalBlock]:
 #: Time of the first sample [ns], and the samples, shape (n_samples, n_channels).
 Cut = tuple[int, "NDArray[np.float64]"]
 
+#: So long there must have been signal before a step's first arrival, that it is surely the first
+#: [ns]: a picker needs noise of 50 ms, and 10 ms more. Chosen by trial on simulated rooms, seeds 11
+#: to 16, cut in a step: of 122 places of such steps .71 lie in their regions of 90 %, of 85 with 20
+#: ms of signal .82, of 48 with 60 ms all.
+HEARD_NS = NS_PER_S * 6 // 100
 #: Longer than any picker holds a pick back [ns]. Chosen by judgement.
 KEEP_NS = 3 * NS_PER_S
 
@@ -163,6 +168,7 @@ class SignalBuffer:
     _blocks: deque[SignalBlock] = field(default_factory=deque)
     _picks: list[Pick] = field(default_factory=list)
     _window: Cut | None = None
+    _runs_ns: deque[int] = field(default_factory=deque)  # when the last runs of the signal began
     first_ns: int | None = None
 
     def update(self, block: SignalBlock) -> None:
@@ -183,6 +189,10 @@ class SignalBuffer:
     def pass_over(self, block: SignalBlock) -> None:
         """Take the next block where no step asks for it: only when the signal began is kept."""
         self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
+        if not self._runs_ns or block.anchor_ns != self._runs_ns[-1]:
+            self._runs_ns.append(block.anchor_ns)
+        while len(self._runs_ns) > 1 and self._runs_ns[1] < block.start_ns - 2 * KEEP_NS:
+            self._runs_ns.popleft()
 
     def pick(self, pick: Pick) -> None:
         """Take a pick: into the group under way, or as the first of the next."""
@@ -193,6 +203,7 @@ class SignalBuffer:
     def discard(self) -> None:
         """Forget everything: the clock was set back."""
         self._blocks.clear()
+        self._runs_ns.clear()
         self._picks, self._window, self.first_ns = [], None, None
 
     def window(self, step_ns: int) -> Cut:
@@ -200,6 +211,11 @@ class SignalBuffer:
         if self._window is not None and step_ns == self._picks[0].time_ns:
             return self._window
         return self._cut(step_ns)
+
+    def is_heard_before(self, step_ns: int) -> bool:
+        """Return whether there was signal for so long before a step that none of it is missing."""
+        begun_ns = [t for t in (self.first_ns, *self._runs_ns) if t is not None and t <= step_ns]
+        return step_ns - max(begun_ns, default=step_ns) >= max(self.before_ns, HEARD_NS)
 
     def arrivals(self, step_ns: int, start_ns: int) -> NDArray[np.float64]:
         """Return each channel's first pick from a step on, after a time [s], (n_channels,).

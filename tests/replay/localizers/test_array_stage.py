@@ -175,11 +175,28 @@ def test_samples_that_were_never_recorded_hold_the_nearest() -> None:
     assert column[25:].tolist() == (3.0 * np.arange(505, 530)).tolist()
 
 
-def test_a_window_over_the_ends_of_the_recording_holds_the_nearest() -> None:
+def test_a_window_over_the_end_of_the_recording_holds_the_nearest() -> None:
     runner = stage()
-    fed(runner, [ramp(0, 20), *STATED, pick(1, 10.0), step(10.0)])
+    fed(runner, [ramp(0, 80), *STATED, pick(1, 70.0), step(70.0)])
     column = WINDOWS[0].values[:, 0]
-    assert column.tolist() == (3.0 * np.clip(np.arange(-10, 40), 0, 19)).tolist()
+    assert column.tolist() == (3.0 * np.clip(np.arange(50, 100), 0, 79)).tolist()
+
+
+@pytest.mark.parametrize(("at_ms", "count"), [(59.0, 0), (61.0, 1)])
+@pytest.mark.parametrize("before_ms", [0, 1000])
+def test_nothing_is_told_of_a_step_whose_begin_may_be_missing(
+    at_ms: float, count: int, before_ms: int
+) -> None:
+    runner, at_ms = stage(), at_ms + before_ms
+    begun = ramp(0, 200, START_NS + before_ms * MS)
+    earlier = [ramp(0, 900)] if before_ms else []
+    made = fed(runner, [*earlier, begun, *STATED, pick(1, at_ms), step(at_ms)])
+    assert len(WINDOWS) == count
+    notes = [e.text for e in made if isinstance(e, Note)]
+    assert notes == [
+        "/s: there is less than 60 ms of signal before this step: what came first may be missing, "
+        "so that arrivals tells nothing of it"
+    ] * (1 - count)
 
 
 def test_after_a_clock_step_nothing_from_before_is_shown() -> None:
