@@ -85,6 +85,8 @@ class ResultEvents:
         Whether a stage is there that would have given steps, or none is known at all.
     disturbances_by
         The last stage that would have given disturbances; empty where there is none.
+    passes_by
+        The last stage that would have given passes; empty where there is none.
     by_kind
         By class all events that are held against truth, of the last stage that gives any.
     """
@@ -99,6 +101,7 @@ class ResultEvents:
     filtered: list[TrackPoint] = field(default_factory=list)
     finds_steps: bool = False
     disturbances_by: str = ""
+    passes_by: str = ""
     by_kind: Mapping[type[Any], list[Any]] = field(default_factory=dict)
 
 
@@ -145,6 +148,7 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
         filtered=tracks or last_word(points),
         finds_steps=bool(answers["step"]) or not emitted or bool(emitted & {"step", "impact"}),
         disturbances_by=last.get("heading", ""),
+        passes_by=last.get("pass", ""),
         by_kind={cls: last_word(answers[k.name]) for cls, k in EVENTS.items() if k.truth},
     )
 
@@ -285,7 +289,9 @@ SCORERS: Mapping[str, Callable[[ResultEvents, Truth], dict[str, Any]]] = {
         "heading": score_headings(truth.labels, answers.headings, truth.tolerance_s)
     },
     "disturbed": _score_disturbances,
-    "pass": lambda answers, truth: {"passes": score_passes(truth.labels, answers.passes)},
+    "pass": lambda answers, truth: {
+        "passes": score_passes(truth.labels, answers.passes, told_by=answers.passes_by)
+    },
 }
 
 

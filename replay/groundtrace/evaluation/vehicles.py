@@ -98,18 +98,29 @@ class PassScore:
     vehicles: list[VehiclePass]
 
 
-def score_passes(labels: Sequence[Label], passes: Sequence[Pass]) -> PassScore | None:
+def score_passes(
+    labels: Sequence[Label], passes: Sequence[Pass], *, told_by: str = ""
+) -> PassScore | None:
     """Score the passes of one stage against ``pass`` labels.
 
     Passes are matched station by station, one to one and nearest in time; of two that are as near
     that of the right direction answers.
 
+    Parameters
+    ----------
+    labels
+        The truth.
+    passes
+        Of one stage.
+    told_by
+        The stage that would have found some; empty where there is none.
+
     Returns
     -------
-    The score, or None where the truth has no passes, or the result none.
+    The score, or None where the truth has no passes, or there is no stage.
     """
     truth, detected = scored_passes(labels, passes)
-    if not truth or not passes:
+    if not truth or not (passes or told_by):
         return None
     pairs = match_passes(truth, detected)
     errors = np.array([(b.time_ns - a.time_ns) / NS_PER_S for a, b in pairs])
@@ -120,7 +131,7 @@ def score_passes(labels: Sequence[Label], passes: Sequence[Pass]) -> PassScore |
         if v.speed_error_mps is not None
     ]
     return PassScore(
-        stage=passes[-1].stage,
+        stage=passes[-1].stage if passes else told_by,
         truth=len(truth),
         found=len(detected),
         matched=len(pairs),

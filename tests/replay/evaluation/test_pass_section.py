@@ -7,7 +7,7 @@ import re
 from groundtrace.evaluation.report import score_events
 from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.results import Provenance, Results
-from groundtrace_codecs.events import Label, Pass
+from groundtrace_codecs.events import Label, Pass, StageSpec
 
 S = 1_000_000_000
 LABELS = (
@@ -36,3 +36,17 @@ def test_passes_are_dots_in_the_row_of_their_station_and_vehicles_a_table() -> N
     assert "<td>V2</td><td>0 of 1</td><td>0</td><td>not told</td>" in page
     assert "2 of 3" in page
     assert "nan" not in page
+
+
+def test_a_stage_that_finds_no_pass_missed_them_all() -> None:
+    stated = StageSpec("passes", "vehicle-passes", "/s", ("all",), (), (), (), "pass")
+    score = score_events(LABELS, [stated], 0, 40 * S).passes
+    assert score is not None
+    assert (score.stage, score.truth, score.found, score.matched) == ("passes", 3, 0, 0)
+    assert score.vehicles_right == 0
+    origin = Provenance("cars.mcap", "0" * 64, 0, 40 * S, "")
+    results = Results("a", origin, LABELS, None, (stated,))
+    page = score_page(results, LABELS, score_events(LABELS, [stated], 0, 40 * S))
+    assert "0 of 3" in page
+    assert "nan" not in page
+    assert score_events(LABELS, [], 0, 40 * S).passes is None
