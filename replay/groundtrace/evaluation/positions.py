@@ -92,7 +92,11 @@ def answerable_places(labels: Sequence[Label], fixes: Sequence[Fix]) -> Places:
 
 
 def score_positions(
-    labels: Sequence[Label], fixes: Sequence[Fix], tolerance_s: float = STEP_TOLERANCE_S
+    labels: Sequence[Label],
+    fixes: Sequence[Fix],
+    tolerance_s: float = STEP_TOLERANCE_S,
+    *,
+    told_by: str = "",
 ) -> PositionScore | None:
     """Score fixes against the places of steps and impacts, else of waypoints.
 
@@ -107,15 +111,17 @@ def score_positions(
         Of all stages.
     tolerance_s
         Largest distance in time of a match [s].
+    told_by
+        The stage that would have given some; empty where there is none.
 
     Returns
     -------
-    The score, or None where there are no true places or no fixes.
+    The score, or None where there are no true places, or no stage.
     """
     truth = answerable_places(labels, fixes)
-    if not len(truth) or not fixes:
+    if not len(truth) or not (fixes or told_by):
         return None
-    stages = list(dict.fromkeys(fix.stage for fix in fixes))
+    stages = list(dict.fromkeys(fix.stage for fix in fixes)) or [told_by]
     matched = {
         s: matched_fixes(truth, [f for f in fixes if f.stage == s], tolerance_s) for s in stages
     }

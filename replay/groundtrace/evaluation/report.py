@@ -87,6 +87,8 @@ class ResultEvents:
         The last stage that would have given disturbances; empty where there is none.
     passes_by
         The last stage that would have given passes; empty where there is none.
+    fixes_by
+        The last stage that would have given fixes; empty where there is none.
     by_kind
         By class all events that are held against truth, of the last stage that gives any.
     """
@@ -102,6 +104,7 @@ class ResultEvents:
     finds_steps: bool = False
     disturbances_by: str = ""
     passes_by: str = ""
+    fixes_by: str = ""
     by_kind: Mapping[type[Any], list[Any]] = field(default_factory=dict)
 
 
@@ -149,6 +152,7 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
         finds_steps=bool(answers["step"]) or not emitted or bool(emitted & {"step", "impact"}),
         disturbances_by=last.get("heading", ""),
         passes_by=last.get("pass", ""),
+        fixes_by=last.get("fix", ""),
         by_kind={cls: last_word(answers[k.name]) for cls, k in EVENTS.items() if k.truth},
     )
 
@@ -265,7 +269,7 @@ def _score_steps(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
 def _score_places(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
     labels, tolerance_s = truth.labels, truth.tolerance_s
     return {
-        "positions": score_positions(labels, answers.fixes, tolerance_s),
+        "positions": score_positions(labels, answers.fixes, tolerance_s, told_by=answers.fixes_by),
         "track": score_tracks(labels, answers.points, tolerance_s),
         "consistency": score_consistency(
             labels, last_word(answers.fixes), answers.points, tolerance_s, answers.filtered

@@ -107,6 +107,9 @@ def test_nothing_is_scored_where_truth_says_ignore_and_steps_come_before_waypoin
     places = true_places(truth)
     assert places.time_ns.tolist() == [0]
     assert score_positions(truth, []) is None
+    none = score_positions(truth, [], told_by="place")
+    assert none is not None
+    assert (none.stage, none.found, none.n) == ("place", 0, 0)
     assert score_positions([Label(0, "step")], [fix(0, 0, 0)]) is None
     assert match_places(places, true_places([]), 1.0).shape == (0, 2)
 
