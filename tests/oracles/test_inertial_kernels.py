@@ -421,3 +421,25 @@ def test_a_covariance_that_is_no_number_ends_no_update(hostile):
     state["covariance"], state["seen"] = np.diag(np.full(14, hostile)), np.eye(14)[:3]
     kernels.attitude.measurement_update(state[()], (0.0, 0.0, 0.0), 1.0, np.zeros(14, np.bool_))
     assert not np.isfinite(state["covariance"]).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_what_lines_hide_is_added_in_the_earth_s_axes(seed):
+    """P = F P F' + Q, and R diag(turn) R' and R diag(velocity) R' besides."""
+    rng, found = np.random.default_rng(seed), []
+    unseen, before = rng.uniform(0, 1e-3, 6), covariance_of(rng, 14)
+    orientation = normalised(rng.normal(size=4))
+    for part in (np.zeros(6), unseen):
+        state = np.zeros((), kernels.attitude.STATE)
+        frame, p = (np.zeros((), getattr(kernels.attitude, name)) for name in RECORDS[1:])
+        state["orientation"], state["covariance"] = orientation, before
+        frame["mean_turn"], frame["force"], frame["unseen"] = np.eye(3), (0.1, 0.2, 9.8), part
+        kernels.attitude.propagate(state[()], frame[()], (1.0, 0.0, 0.0, 0.0), 0.1, p[()])
+        found.append(np.array(state["covariance"]))
+    axes = matrix(orientation)
+    expected = np.zeros((14, 14))
+    for first in (0, 3):
+        rows = slice(first, first + 3)
+        expected[rows, rows] = axes @ np.diag(unseen[rows]) @ axes.T
+    np.testing.assert_allclose(found[1] - found[0], expected, atol=1e-12)

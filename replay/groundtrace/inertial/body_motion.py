@@ -69,8 +69,8 @@ class LevelFrameMotion:
     rested_s
         How long the sensor has been at rest since the start, shape (n,) [s].
     unseen_rad2
-        Variance of how far it may have turned about the vertical unseen since the start, as samples
-        were lost, shape (n,) [rad2].
+        Variance of how far it may have turned about the vertical since the start beside what lines
+        between its samples say, shape (n,) [rad2].
     """
 
     time_ns: NDArray[np.int64]

@@ -314,9 +314,9 @@ class SensorAligner:
 
     def _unseen(self, times: NDArray[np.int64], rate: Array, force: Array) -> Array:
         """Return what :attr:`Samples.unseen` is of samples that follow those taken before."""
-        lost = np.zeros(len(times), np.bool_)
         if self._lines is None or not len(times):
             return np.zeros((len(times), 6))
+        lost = np.zeros(len(times), np.bool_)
         for gap in self._filled:
             after_ns = gap.end_ns - self._period_ns / 2
             first, stop = np.searchsorted(times, [after_ns - gap.lost * self._period_ns, after_ns])

@@ -148,7 +148,7 @@ class HeadingEstimator:
             if attitude.tilt_rad <= LEVEL_RAD:
                 self._meet(matrix(attitude.orientation) @ field)
             else:
-                self._waits = True
+                self._waits = not self._faced
         return frame
 
     def _frame(self, samples: Samples, scalar: ScalarFilter) -> HeadingFrame:
@@ -198,9 +198,10 @@ class HeadingEstimator:
 
     def news(self) -> tuple[str, ...]:
         """Return what a person should know since it was asked for last: of a late beginning."""
-        late = self._waits and self._faced
-        self._waits = self._waits and not late
-        return (LATE,) if late else ()
+        if not (self._waits and self._faced):
+            return ()
+        self._waits = False
+        return (LATE,)
 
     def _move(self, frame: InertialFrame, scalar: ScalarFilter) -> bool:
         """Go on to the frame's end by gyroscope and specific force; say whether it rests."""
@@ -354,7 +355,8 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
     alone = np.degrees((alone + math.pi) % (2 * math.pi) - math.pi)
     seen, passed = np.isfinite(outputs["compass_rad"]), outputs["passed"] > 0
     notes = one.calibrate(samples.field[length // 2 : rows : length], seen, passed)
-    notes[0] = (*one.news(), *notes.get(0, ()))
+    if news := one.news():
+        notes[0] = (*news, *notes.get(0, ()))
     return HeadingFrames(
         time_ns=samples.time_ns[:rows],
         orientation=orientation,

@@ -102,7 +102,7 @@ class PedestrianDeadReckoning:
         self._places: list[PositionReference] = []
         self._measured: _Measured | None = None
         self._last_ns: int | None = None
-        self._by_last = (0.0, 0.0)  # rest [s], and the variance of unseen turns [rad2]
+        self._by_last = (0.0, 0.0)  # rest [s] and variance of unseen turns [rad2] by the last step
         self._went = False  # a track before
 
     def start(self, stage: str, number: int, origin: tuple[float, float]) -> None:

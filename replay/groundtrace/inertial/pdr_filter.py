@@ -488,7 +488,7 @@ class Stride(NamedTuple):
     rested_s
         How long the sensor has been at rest since the step before [s].
     unseen_rad2
-        Variance of how far it may have turned unseen since then, as samples were lost [rad2].
+        Variance of how far it may have turned since then beside what its samples say [rad2].
     """
 
     time_ns: int

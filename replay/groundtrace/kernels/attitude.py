@@ -100,9 +100,9 @@ SETTINGS = record(
 #: What a frame says, in the body axes at its start: matrix of its mean turn; means of specific
 #: force and field there and of the rate in moving axes; root mean square rate; deviations of rate
 #: and force from their means; sums that tell the field's delay; variances of turn and velocity by
-#: lost samples. Then the rotation matrix of its
-#: start, and in the earth frame the mean turn, the field, and the field without that of the iron on
-#: the sensor; and what the field's tests look at. The last is written over.
+#: straight lines between samples. Then the rotation matrix of its start, and in the earth frame the
+#: mean turn, the field, and the field without that of the iron on the sensor; and what the field's
+#: tests look at. The last is written over.
 FRAME = record(
     ("mean_turn", "f8", (3, 3)),
     ("force", "f8", 3),
@@ -488,7 +488,8 @@ def filter_frames(
     rate, force, field
         Samples, shape (n, 3) each; the field is NaN where there is none.
     unseen
-        Variances of turn and velocity by samples that were lost in each frame, shape (n_frames, 6).
+        What straight lines between samples may be off in each frame: variances of turn and
+        velocity, shape (n_frames, 6).
     length, first
         Samples of a frame, and the frame to begin with.
     state, p

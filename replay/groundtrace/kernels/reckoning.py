@@ -44,7 +44,7 @@ KNOT = record(
 #: A step: when it ends, its length [m] and heading by the gyroscope [rad]; the offset that the
 #: compass asks for and its deviation [rad], NaN where it says nothing, and how many in a row err
 #: alike; how long the sensor has rested since the step before [s], and the variance of how far it
-#: may have turned unseen since then, as samples were lost [rad2].
+#: may have turned since then beside what its samples say [rad2].
 STRIDE = record(
     ("time_ns", "i8"),
     ("length_m", "f8"),
