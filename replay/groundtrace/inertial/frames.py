@@ -270,6 +270,11 @@ class SensorAligner:
         """How many samples were not finite."""
         return sum(holder.count for holder in self._holders.values())
 
+    @property
+    def has_field(self) -> bool:
+        """Whether there was a magnetic field."""
+        return self._field.began
+
     def add(self, quantity: str, time_ns: NDArray[np.int64], values: Array) -> None:
         """Take samples of ``angular_velocity``, ``acceleration`` or ``magnetic_field``."""
         series = {

@@ -476,6 +476,9 @@ class HeadingStage(Stage):
         """End the run."""
         yield from self._frames([*self._filter.add(self._aligner.flush()), *self._filter.flush()])
         yield from self._spans.flush()
+        if self._due_ns is not None and not self._aligner.has_field:
+            text = "no magnetic field: headings are turns since the signal began, not against north"
+            yield Note(self._due_ns, f"{self._topic}: {text}", "INFO", self._stage)
 
     def decided(self, block: CandidateBlock) -> Sequence[Event]:  # noqa: ARG002
         """Yield nothing: whether the field is undisturbed is known to the filter already."""

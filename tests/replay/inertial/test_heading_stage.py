@@ -252,8 +252,11 @@ def test_a_sensor_that_moves_at_first_has_no_heading_until_it_is_level() -> None
 
 
 def test_without_a_field_nothing_tells_the_heading() -> None:
-    found = of(said([b for b in blocks(turning(10.0)) if b.topic == "/imu"]), Heading)
-    assert {h.sigma_rad for h in found} == {np.pi}
+    events = said([b for b in blocks(turning(10.0)) if b.topic == "/imu"])
+    assert {h.sigma_rad for h in of(events, Heading)} == {np.pi}
+    (note,) = of(events, Note)
+    assert note.text.startswith("/imu: no magnetic field")
+    assert note.time_ns == pytest.approx(10e9, abs=0.1e9)
 
 
 @pytest.mark.parametrize("samples", [1, 7, 10**6])

@@ -162,7 +162,7 @@ def test_a_heading_that_nothing_tells_is_said_to_be_not_known(tmp_path: Path) ->
     path = write_walk(tmp_path / "late.rrd", turning_truth(), *unknown, later)
     _, texts = read_back(path, "/heading-now", "TextDocument:text")
     assert texts[0][0].split("  \n") == [
-        "**Heading not known**",
+        "**Heading not known**: +6.0° from an unknown beginning",
         "truth +0.0°, **error +6.0°**",
         "no field is tested here",
     ]

@@ -483,9 +483,10 @@ class _Story:
         self, now_ns: int, degrees: float, sigma: float, true: float, gates: Sequence[GateSpec]
     ) -> str:
         """Return what is known at a moment, as markdown."""
-        is_known = sigma < UNKNOWN_DEG
-        claimed = f"{wrapped(np.array(degrees)):+.1f}° ± {sigma:.1f}°" if is_known else "not known"
-        lines = [f"**Heading {claimed}**"]
+        is_known, direction = sigma < UNKNOWN_DEG, f"{wrapped(np.array(degrees)):+.1f}°"
+        lines = [f"**Heading {direction} ± {sigma:.1f}°**"]
+        if not is_known:
+            lines = [f"**Heading not known**: {direction} from an unknown beginning"]
         if len(self.truth):
             error = float(wrapped(np.array(degrees - true)))
             off = f" ({abs(error) / sigma:.1f} σ)" if is_known and sigma > 0 else ""
