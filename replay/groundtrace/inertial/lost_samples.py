@@ -22,6 +22,9 @@ FOOT_SIGMA = 0.5
 #: A line's bend is that against the lines over half of its length on either side, but over no more
 #: than this [s]. Chosen by judgement: half of the longest gap that is filled.
 SIDE_S = 0.15
+#: Samples that the line between neighbours which a new one completes looks back at. Source:
+#: definition: that before the line, and its two ends.
+_BEFORE = 3
 
 
 class StraightLines:
@@ -61,29 +64,44 @@ class StraightLines:
         """
         remembered = len(self._values)
         x = self._values = np.concatenate([self._values, values]) if remembered else values
-        self._recorded = np.concatenate([self._recorded, ~lost])
-        at, variance = np.flatnonzero(self._recorded), np.zeros(values.shape)
-        if not len(at):
-            return variance
-        start, stop = at[:-1], at[1:]
+        recorded = self._recorded = np.concatenate([self._recorded, ~lost])
+        if not len(values):
+            return np.zeros(values.shape)
+        variance = self._between_neighbours(x, recorded, remembered)
+        at = np.flatnonzero(recorded)
+        gap = np.flatnonzero(np.diff(at) > 1)
+        start, stop = at[gap], at[gap + 1]
         side = np.clip((stop - start) // 2, 1, self._side)
         known_at = stop + side
         waits = known_at >= len(x)
-        first = max(int(start[waits][0] if waits.any() else at[-1]) - self._side, 0)
-        self._values, self._recorded = x[first:], self._recorded[first:]
         counted = (known_at >= remembered) & ~waits & (start > 0)
         if counted.any():
             ends = (y[counted] for y in (start, stop, side, known_at))
-            np.add.at(variance, known_at[counted] - remembered, self._off(x, *ends) ** 2)
+            np.add.at(variance, known_at[counted] - remembered, self._over_gaps(x, *ends) ** 2)
+        first = int(start[waits][0]) if waits.any() else int(at[-1]) if len(at) else 0
+        first = max(first - max(self._side, _BEFORE), 0)
+        self._values, self._recorded = x[first:], recorded[first:]
         return variance
 
-    def _off(self, x: Array, start: Index, stop: Index, side: Index, known_at: Index) -> Array:
+    def _between_neighbours(self, x: Array, recorded: NDArray[np.bool_], remembered: int) -> Array:
+        """Return the variances of lines with no sample lost, shape (n - remembered, m)."""
+        first = max(remembered - _BEFORE, 0)
+        bend, is_recorded = np.abs(np.diff(x[first:], n=2, axis=0)), recorded[first:]
+        larger: Array = np.maximum(bend[:-1], bend[1:])
+        off = self._neighbours / 12 * larger * self._period_s
+        off[~(is_recorded[1:-2] & is_recorded[2:-1])] = 0.0
+        variance = np.zeros((len(x) - remembered, x.shape[1]))
+        variance[len(variance) - len(off) :] = off**2
+        return variance
+
+    def _over_gaps(
+        self, x: Array, start: Index, stop: Index, side: Index, known_at: Index
+    ) -> Array:
         """Return how far the integral over each line may be off, shape (k, m)."""
         length, early = (stop - start)[:, None], np.minimum(side, start)
         slope = (x[stop] - x[start]) / length
         before = (x[start] - x[start - early]) / early[:, None]
         after = (x[known_at] - x[stop]) / side[:, None]
         bend = np.maximum(np.abs(slope - before), np.abs(after - slope))
-        sigma = np.where(length > 1, LINE_SIGMA, self._neighbours)
-        off: Array = sigma / 12 * length**2 * bend * self._period_s
+        off: Array = LINE_SIGMA / 12 * length**2 * bend * self._period_s
         return off
