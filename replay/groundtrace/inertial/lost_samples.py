@@ -86,9 +86,9 @@ class StraightLines:
     def _between_neighbours(self, x: Array, recorded: NDArray[np.bool_], remembered: int) -> Array:
         """Return the variances of lines with no sample lost, shape (n - remembered, m)."""
         first = max(remembered - _BEFORE, 0)
-        bend, is_recorded = np.abs(np.diff(x[first:], n=2, axis=0)), recorded[first:]
-        larger: Array = np.maximum(bend[:-1], bend[1:])
-        off = self._neighbours / 12 * larger * self._period_s
+        is_recorded, slope = recorded[first:], np.diff(x[first:], axis=0)
+        bend: Array = np.abs(slope[1:] - slope[:-1])
+        off = self._neighbours / 12 * np.maximum(bend[:-1], bend[1:]) * self._period_s
         off[~(is_recorded[1:-2] & is_recorded[2:-1])] = 0.0
         variance = np.zeros((len(x) - remembered, x.shape[1]))
         variance[len(variance) - len(off) :] = off**2
