@@ -103,5 +103,4 @@ class StraightLines:
         before = (x[start] - x[start - early]) / early[:, None]
         after = (x[known_at] - x[stop]) / side[:, None]
         bend = np.maximum(np.abs(slope - before), np.abs(after - slope))
-        off: Array = LINE_SIGMA / 12 * length**2 * bend * self._period_s
-        return off
+        return np.asarray(LINE_SIGMA / 12 * length**2 * bend * self._period_s, np.float64)
