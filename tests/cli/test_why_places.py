@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from command_runs import check_schema, done, run
 
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import path_of
 
 Capture = pytest.CaptureFixture[str]
@@ -80,3 +83,17 @@ def test_a_file_of_a_place_shows_its_moment(room: Path, capsys: Capture) -> None
     ran = done(capsys, "why", room, "--fix", 1, "--rrd", "fix.rrd")
     assert "timeline: fix.rrd" in ran.err
     assert Path("fix.rrd").stat().st_size > 5_000
+
+
+def test_a_step_whose_signal_began_in_it_says_so(capsys: Capture) -> None:
+    source = path_of("room-walk.mcap")
+    with Recording.open(source) as recording:
+        step = next(label for label in recording.labels if label.kind == "step")
+        begin = f"{(step.time_ns - recording.start_ns) / NS_PER_S:.4f}"
+    done(capsys, "cut", source, "--from", begin, "--out", "cut.mcap")
+    done(capsys, "replay", "cut.mcap", "--pipeline", "room-footsteps", "--no-viewer")
+    out = done(capsys, "why", "cut.results.mcap", "--kind", "fixes").out
+    row = re.search(r"(?m)^1 +([\d.]+) +missing .* the signal began (\d+) ms before .*, 60 ", out)
+    assert row is not None
+    assert 1e3 * float(row[1]) == pytest.approx(int(row[2]), abs=1)
+    assert int(row[2]) < 60

@@ -33,6 +33,7 @@ from ..localizers import tdoa
 from ..localizers.arrival_order import pairs
 from ..localizers.methods import Hyperbolic, PowerLaw, SoTdoa
 from ..localizers.tdoa import Model
+from ..pipeline.buffers import HEARD_NS
 from ..pipeline.parameters import describe
 from .reasons import GateReading, below, locating, missing_channels, readings, timed
 from .redecide import OfflineDecider
@@ -528,8 +529,19 @@ class PositionErrorCause:
         if failed is None or failed.gate != "picks":
             return None
         received, least = self.arrived(row), self.relocator.parameters.min_picks
+        heard_ms = self._heard_ms(row)
+        if not received and heard_ms < HEARD_NS / 1e6:
+            text = f"the signal began {heard_ms:.0f} ms before the step, {HEARD_NS / 1e6:g} needed"
+            return PlaceCause("arrivals", f"{text}: what came first may be missing")
         text = f"{len(received)} of {least} arrivals needed ({self._names(received)})"
         return PlaceCause(*self._too_few_cause(text, row, least, missing))
+
+    def _heard_ms(self, row: int) -> float:
+        """Return for how long there had been signal at a step [ms]."""
+        evidence, step_ns = self.relocator.evidence, int(self.relocator.arrivals.step_ns[row])
+        gaps_ns = [gap.end_ns for gap in evidence.gaps if not gap.bridged]
+        begun_ns = max((t for t in (evidence.start_ns, *gaps_ns) if t <= step_ns), default=0)
+        return (step_ns - begun_ns) / 1e6
 
     def _too_few_cause(
         self, text: str, row: int, wanted: int, missing: Sequence[MissingChannel]
