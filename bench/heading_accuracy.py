@@ -40,7 +40,9 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from groundtrace_recordings import map_path
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+
+    from groundtrace_codecs.events import Event, Label
 
 RMSE_DEG, F1 = 2.5, 0.9
 FRAME_NS = 10_000_000
@@ -224,17 +226,23 @@ def leave_one_out(trials: list[Path]) -> None:
     print(f"pooled {reported.rmse:.2f} deg, F1 {f1(reported.frames):.3f}")
 
 
+def claimed_errors(labels: Sequence[Label], events: Sequence[Event]) -> np.ndarray:
+    """Return times [ns] of true headings, errors and what is claimed there [rad], shape (3, n)."""
+    found = [e for e in events if isinstance(e, Heading)]
+    times, errors = heading_errors(labels, found, 0.12)
+    sigma = np.interp(times, [e.time_ns for e in found], [e.sigma_rad for e in found])
+    return np.array([times, errors, sigma])[:, ~np.isnan(errors)]
+
+
 def begun(recording: Recording, start_ns: int) -> np.ndarray:
     """Return times since a beginning [s], errors and deviations [deg] of headings, shape (3, n)."""
     stop_ns = start_ns + round(BEGUN_S[-1] * NS_PER_S)
     chain = build_pipeline(load_pipeline("heading"), recording.geometry)
     blocks = [x.between(start_ns, stop_ns) for x in Source(recording) if isinstance(x, SignalBlock)]
     events = [e for block in blocks if len(block) for e in chain.process(block)]
-    found = [e for e in [*events, *chain.flush()] if isinstance(e, Heading)]
-    times, errors = heading_errors(recording.labels, found, 0.12)
-    sigma = np.interp(times, [e.time_ns for e in found], [e.sigma_rad for e in found])
-    rows = np.array([(times - start_ns) / NS_PER_S, np.degrees(errors), np.degrees(sigma)])
-    return rows[:, ~np.isnan(errors) & (times >= start_ns) & (times < stop_ns)]
+    times, *angles = claimed_errors(recording.labels, [*events, *chain.flush()])
+    rows = np.array([(times - start_ns) / NS_PER_S, *np.degrees(angles)])
+    return rows[:, (times >= start_ns) & (times < stop_ns)]
 
 
 def thinned(recording: Recording, rate_hz: float) -> np.ndarray:
@@ -251,10 +259,7 @@ def thinned(recording: Recording, rate_hz: float) -> np.ndarray:
     chain = build_pipeline(load_pipeline("heading"), recording.geometry)
     parts.sort(key=lambda part: part.end_ns)
     events = [*(e for part in parts for e in chain.process(part)), *chain.flush()]
-    found = [e for e in events if isinstance(e, Heading)]
-    times, errors = heading_errors(recording.labels, found, 0.12)
-    sigma = np.interp(times, [e.time_ns for e in found], [e.sigma_rad for e in found])
-    return np.degrees([errors, sigma])[:, ~np.isnan(errors)]
+    return np.degrees(claimed_errors(recording.labels, events)[1:])
 
 
 def thin(trials: list[Path]) -> None:

@@ -24,10 +24,9 @@ from typing import TYPE_CHECKING
 from unittest import mock
 
 import numpy as np
-from heading_accuracy import imported, rms
+from heading_accuracy import claimed_errors, imported, rms
 from published_walks import unseen, write_back
 
-from groundtrace.evaluation.headings import heading_errors
 from groundtrace.evaluation.matching import f1_score, match
 from groundtrace.inertial.heading import HeadingStage
 from groundtrace.pipeline.chain import build_pipeline
@@ -39,7 +38,7 @@ from groundtrace.simulate.road import VehicleOptions
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace.simulate.vehicle import simulate_vehicle
-from groundtrace_codecs.events import Fix, Heading, Pass, StepEvent, TrackPoint
+from groundtrace_codecs.events import Fix, Pass, StepEvent, TrackPoint
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -161,10 +160,7 @@ def heading_off(path: Path, *, tell: bool) -> np.ndarray:
     untold = mock.patch.object(HeadingStage, "filled")
     with nullcontext() if tell else untold:
         events, recording = replayed(path, "heading", None)
-    found = [e for e in events if isinstance(e, Heading)]
-    times, errors = heading_errors(recording.labels, found, 0.12)
-    sigma = np.interp(times, [e.time_ns for e in found], [e.sigma_rad for e in found])
-    return np.degrees([errors, sigma])[:, ~np.isnan(errors)]
+    return np.degrees(claimed_errors(recording.labels, events)[1:])
 
 
 def headings(trials: list[Path], folder: Path) -> None:

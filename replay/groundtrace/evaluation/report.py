@@ -83,12 +83,8 @@ class ResultEvents:
         Points of the same stage as they came, whose innovations tell whether it is consistent.
     finds_steps
         Whether a stage is there that would have given steps, or none is known at all.
-    disturbances_by
-        The last stage that would have given disturbances; empty where there is none.
-    passes_by
-        The last stage that would have given passes; empty where there is none.
-    fixes_by
-        The last stage that would have given fixes; empty where there is none.
+    last_stage
+        The last stage that would have given them, by what stages say that they give.
     by_kind
         By class all events that are held against truth, of the last stage that gives any.
     """
@@ -102,9 +98,7 @@ class ResultEvents:
     passes: list[Pass]
     filtered: list[TrackPoint] = field(default_factory=list)
     finds_steps: bool = False
-    disturbances_by: str = ""
-    passes_by: str = ""
-    fixes_by: str = ""
+    last_stage: Mapping[str, str] = field(default_factory=dict)
     by_kind: Mapping[type[Any], list[Any]] = field(default_factory=dict)
 
 
@@ -150,9 +144,7 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
         passes=last_word(answers["pass"]),
         filtered=tracks or last_word(points),
         finds_steps=bool(answers["step"]) or not emitted or bool(emitted & {"step", "impact"}),
-        disturbances_by=last.get("heading", ""),
-        passes_by=last.get("pass", ""),
-        fixes_by=last.get("fix", ""),
+        last_stage=last,
         by_kind={cls: last_word(answers[k.name]) for cls, k in EVENTS.items() if k.truth},
     )
 
@@ -269,7 +261,9 @@ def _score_steps(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
 def _score_places(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
     labels, tolerance_s = truth.labels, truth.tolerance_s
     return {
-        "positions": score_positions(labels, answers.fixes, tolerance_s, told_by=answers.fixes_by),
+        "positions": score_positions(
+            labels, answers.fixes, tolerance_s, told_by=answers.last_stage.get("fix", "")
+        ),
         "track": score_tracks(labels, answers.points, tolerance_s),
         "consistency": score_consistency(
             labels, last_word(answers.fixes), answers.points, tolerance_s, answers.filtered
@@ -278,7 +272,7 @@ def _score_places(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
 
 
 def _score_disturbances(answers: ResultEvents, truth: Truth) -> dict[str, Any]:
-    span, by = (truth.start_ns, truth.end_ns), answers.disturbances_by
+    span, by = (truth.start_ns, truth.end_ns), answers.last_stage.get("heading", "")
     score = score_disturbances(truth.labels, answers.disturbances, *span, told_by=by)
     return {"disturbance": score}
 
@@ -294,7 +288,9 @@ SCORERS: Mapping[str, Callable[[ResultEvents, Truth], dict[str, Any]]] = {
     },
     "disturbed": _score_disturbances,
     "pass": lambda answers, truth: {
-        "passes": score_passes(truth.labels, answers.passes, told_by=answers.passes_by)
+        "passes": score_passes(
+            truth.labels, answers.passes, told_by=answers.last_stage.get("pass", "")
+        )
     },
 }
 

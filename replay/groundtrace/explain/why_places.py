@@ -539,9 +539,10 @@ class PositionErrorCause:
     def _heard_ms(self, row: int) -> float:
         """Return for how long there had been signal at a step [ms]."""
         evidence, step_ns = self.relocator.evidence, int(self.relocator.arrivals.step_ns[row])
-        gaps_ns = [gap.end_ns for gap in evidence.gaps if not gap.bridged]
-        begun_ns = max((t for t in (evidence.start_ns, *gaps_ns) if t <= step_ns), default=0)
-        return (step_ns - begun_ns) / 1e6
+        topic = self.relocator.stepping.spec.topic
+        gaps = [g for g in evidence.gaps if g.topic in (topic, "") and not g.bridged]
+        begun_ns = (evidence.start_ns, *(gap.end_ns for gap in gaps))
+        return (step_ns - max((t for t in begun_ns if t <= step_ns), default=0)) / 1e6
 
     def _too_few_cause(
         self, text: str, row: int, wanted: int, missing: Sequence[MissingChannel]

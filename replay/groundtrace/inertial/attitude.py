@@ -128,9 +128,15 @@ class Attitude:
         return np.array(self.state["earth_field"])
 
     @property
+    def knows_field(self) -> bool:
+        """Whether a field was taken for the earth's: before, nothing tells north."""
+        return not np.isnan(self.state["earth_field"][0])
+
+    @property
     def heading_sigma_rad(self) -> float:
-        """Standard deviation of the heading [rad]."""
-        return float(np.sqrt(max(self.state["covariance"][2, 2], 0.0)))
+        """Standard deviation of the heading, at most half a turn [rad]."""
+        sigma = float(np.sqrt(max(self.state["covariance"][2, 2], 0.0)))
+        return min(sigma, math.pi) if self.knows_field else math.pi
 
     @property
     def tilt_rad(self) -> float:

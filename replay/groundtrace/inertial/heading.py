@@ -129,7 +129,7 @@ class HeadingEstimator:
         first = samples.rows(0, length)
         if self.scalar is not None:
             return HeadingFrames.of([self._frame(first, self.scalar)])
-        if not self.attitude.started or np.isnan(self.attitude.earth[0]):
+        if not self.attitude.started or not self.attitude.knows_field:
             self._begin(first)
         return fused_frames(self, samples, length)
 
@@ -144,7 +144,7 @@ class HeadingEstimator:
             still = bool((np.array(moves) < (REST_RATE, REST_SPREAD, REST_FORCE)).all())
             attitude.start(record["force"], still=still)
         field = record["field"]
-        if np.isnan(attitude.earth[0]) and np.isfinite(field).all():
+        if not attitude.knows_field and np.isfinite(field).all():
             if attitude.tilt_rad <= LEVEL_RAD:
                 self._meet(matrix(attitude.orientation) @ field)
             else:
@@ -157,7 +157,7 @@ class HeadingEstimator:
         state, frame = attitude.state, self._begin(samples)
         orientation = product(attitude.orientation, frame.turns)
         heading = headings_of(orientation, self.axis)
-        sigma, offset = self._sigma_rad(), float(state["gyroscope_offset_rad"])
+        sigma, offset = attitude.heading_sigma_rad, float(state["gyroscope_offset_rad"])
         resting = self._move(frame, scalar)
         moved = attitude.orientation
         tests, compass_rad, undisturbed = self._look(frame, scalar)
@@ -171,7 +171,7 @@ class HeadingEstimator:
             time_ns=samples.time_ns,
             orientation=orientation,
             heading_rad=heading,
-            sigma_rad=min(sigma, math.pi),
+            sigma_rad=sigma,
             bias=attitude.bias,
             values=np.array([*tests, *map(math.degrees, alone)]),
             undisturbed=undisturbed,
@@ -179,11 +179,6 @@ class HeadingEstimator:
             resting=resting,
             notes=texts,
         )
-
-    def _sigma_rad(self) -> float:
-        """Return the heading's deviation [rad]; before there is a field nothing tells it."""
-        unknown = np.isnan(self.attitude.earth[0])
-        return math.pi if unknown else self.attitude.heading_sigma_rad
 
     def _meet(self, field: Array) -> None:
         """Take the first field, earth frame [T], for the earth's."""
@@ -223,7 +218,7 @@ class HeadingEstimator:
         verdict.
         """
         record, state, compass = frame.record, self.attitude.state, self.compass
-        if not np.isfinite(record["field"]).all() or np.isnan(self.attitude.earth[0]):
+        if not (np.isfinite(record["field"]).all() and self.attitude.knows_field):
             return np.full(len(TESTS), np.nan), math.nan, True
         p = settings_of(self, frame.length_s)
         compass.make_room(state, int(p["deviation_frames"]), 1)
@@ -324,7 +319,7 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
     state, p = attitude.state, settings_of(one, length / one.rate_hz)
     field = np.ascontiguousarray(calibration.corrected(samples.field))
     count = min(len(samples) // length, calibration.next_try)
-    if np.isnan(attitude.earth[0]):
+    if not attitude.knows_field:
         sees = np.isfinite(field[: count * length]).reshape(count, -1).all(axis=1)
         count = max(int(np.argmax(sees)) if sees.any() else count, 1)
         field = np.full_like(field, np.nan)  # it says nothing to a sensor that is not level
@@ -348,6 +343,8 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
         outputs["tests"][at], outputs["gyro_bias"][at] = frame["tests"], state["gyro_bias"]
         at += 1
     compass.make_room(state, int(p["deviation_frames"]), 0)
+    if not attitude.knows_field:
+        outputs["sigma_rad"] = attitude.heading_sigma_rad
     alone = (
         np.stack([outputs["gyroscope_rad"], outputs["compass_rad"]], axis=1)
         + heading[::length, None]
@@ -362,8 +359,7 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
         orientation=orientation,
         heading_rad=heading,
         first=np.arange(0, rows + 1, length),
-        # before there is a field nothing tells it
-        sigma_rad=np.full(count, math.pi) if np.isnan(attitude.earth[0]) else outputs["sigma_rad"],
+        sigma_rad=outputs["sigma_rad"],
         bias=outputs["gyro_bias"],
         values=np.concatenate([outputs["tests"], alone], axis=1),
         undisturbed=passed,
@@ -395,7 +391,7 @@ def settings_of(one: HeadingEstimator, length_s: float) -> NDArray[Any]:
         "step_s": 1 / one.rate_hz,
         "deviation_frames": window[0],
         "derivative_frames": window[1],
-        "gyroscope_heading": one.attitude.free or np.isnan(one.attitude.earth[0]),
+        "gyroscope_heading": one.attitude.free or not one.attitude.knows_field,
     }.items():
         settings[name] = value
     return settings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from groundtrace_codecs.events import EVENTS, Note, Pick, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..pipeline.buffers import HEARD_NS, KEEP_NS
+from ..pipeline.buffers import KEEP_NS
 from ..pipeline.parameters import measured
 from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage, StepMeasure
 
@@ -157,15 +157,15 @@ class ArrayMethod(Stage):
             made: Any = StepMeasure(time_ns, self._topic, self._stage, measured)
             return (made,)
         if measured is None:
-            return (self._unheard(time_ns),)
+            return (self._unheard(time_ns, signal.heard_ns),)
         candidates = self.examine(measured)
         return (*self.remarks(time_ns), candidates)
 
-    def _unheard(self, time_ns: int) -> Note:
+    def _unheard(self, time_ns: int, heard_ns: int) -> Note:
         """Say why nothing is told of a step."""
         return Note(
             time_ns,
-            f"{self._topic}: there is less than {HEARD_NS / 1e6:g} ms of signal before this step: "
+            f"{self._topic}: there is less than {heard_ns / 1e6:g} ms of signal before this step: "
             f"what came first may be missing, so that {self._stage} tells nothing of it",
             "INFO",
             self._stage,

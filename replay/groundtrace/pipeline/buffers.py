@@ -212,10 +212,15 @@ class SignalBuffer:
             return self._window
         return self._cut(step_ns)
 
+    @property
+    def heard_ns(self) -> int:
+        """How long there must have been signal before a step, that none of it is missing [ns]."""
+        return max(self.before_ns, HEARD_NS)
+
     def is_heard_before(self, step_ns: int) -> bool:
-        """Return whether there was signal for so long before a step that none of it is missing."""
+        """Return whether there was signal for so long before a step."""
         begun_ns = [t for t in (self.first_ns, *self._runs_ns) if t is not None and t <= step_ns]
-        return step_ns - max(begun_ns, default=step_ns) >= max(self.before_ns, HEARD_NS)
+        return step_ns - max(begun_ns, default=step_ns) >= self.heard_ns
 
     def arrivals(self, step_ns: int, start_ns: int) -> NDArray[np.float64]:
         """Return each channel's first pick from a step on, after a time [s], (n_channels,).
