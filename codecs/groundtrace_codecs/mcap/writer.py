@@ -11,7 +11,6 @@ import struct
 from collections import Counter, defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 import lz4.frame
@@ -369,6 +368,9 @@ _LEVELS = (3, 1, 3)
 
 def tool_version() -> str:
     """Return the installed version of groundtrace; ``0`` where it runs from a bare checkout."""
+    # reading needs none, and it takes a while to load
+    from importlib.metadata import PackageNotFoundError, version
+
     with suppress(PackageNotFoundError):
         return version(TOOL)
     return "0"

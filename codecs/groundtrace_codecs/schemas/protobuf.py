@@ -7,7 +7,7 @@ generated Foxglove classes alike.
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -27,7 +27,7 @@ _INT64_LIMIT = 1 << 63
 def _pool() -> Any:
     """Return the default pool, with the committed descriptors added."""
     pool = descriptor_pool.Default()
-    content = files(__package__).joinpath("groundtrace.desc").read_bytes()
+    content = Path(__file__).with_name("groundtrace.desc").read_bytes()
     for file in descriptor_pb2.FileDescriptorSet.FromString(content).file:
         if file.package == PACKAGE:
             pool.AddSerializedFile(file.SerializeToString())

@@ -25,6 +25,7 @@ import numpy as np
 from groundtrace_codecs.events import readable
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
+from ..dsp.robust import medians
 from .held_values import STEP_PART, WORN, clipped_effect, full_scale, near_scale
 from .signal_faults import LEAST_STEPS, FaultSpans, Finding, percent, times
 
@@ -267,7 +268,7 @@ def _clipped(
 
 
 def _middle(flat: Sequence[_Top]) -> float:
-    return float(np.median([top.level for top in flat]))
+    return float(medians(np.array([top.level for top in flat])))
 
 
 #: Chance that the highest value comes again so often, at most. Chosen by judgement: once in a

@@ -17,6 +17,7 @@ import numpy as np
 from groundtrace_codecs.events import readable
 from groundtrace_codecs.signals import G0_MPS2, SEISMIC_QUANTITIES
 
+from ..dsp.robust import medians
 from .signal_faults import FaultSpans, Finding, Rails, percent, times
 
 if TYPE_CHECKING:
@@ -262,13 +263,7 @@ def _slopes(row: Row, at: NDArray[np.intp], side: int) -> NDArray[np.float64]:
     inside = (index >= 0) & (index < len(row))
     values = np.where(inside, row[np.clip(index, 0, len(row) - 1)], np.nan)
     jumps = np.abs(np.diff(values, axis=1))
-    valid = inside.sum(axis=1) > LEAST_NEAR
-    out = np.full(len(at), np.nan)
-    if valid.all():
-        out[:] = np.median(jumps, axis=1) if inside.all() else np.nanmedian(jumps, axis=1)
-    elif valid.any():
-        out[valid] = np.nanmedian(jumps[valid], axis=1)
-    return out
+    return np.where(inside.sum(axis=1) > LEAST_NEAR, medians(jumps), np.nan)
 
 
 def _equal(lengths: NDArray[np.intp]) -> float:

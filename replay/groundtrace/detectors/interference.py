@@ -24,6 +24,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..dsp.filters import HIGHEST_CORNER
+from ..dsp.robust import medians
 from .held_values import level
 from .signal_faults import FaultSpans, Finding, percent, times
 
@@ -141,17 +142,15 @@ class MainsHum:
         low, high = (
             round(f * SPECTRUM_S) for f in (LOW_HZ, min(HIGH_HZ, HIGHEST_CORNER * self.rate_hz))
         )
-        over = np.array([_over_db(mean, i) for i in range(low, high + 1)])
+        over = _over_db(mean, np.arange(low, high + 1))
         best = low + int(np.argmax(over))
         if over.max() < LINE_DB + chance_db:
             return None
         frequency = _peak(mean, best) / SPECTRUM_S
-        harmonics = tuple(
-            n
-            for n in range(2, LAST_HARMONIC + 1)
-            if n * frequency < HIGHEST_CORNER * self.rate_hz
-            and _over_db(mean, round(n * frequency * SPECTRUM_S)) >= HARMONIC_DB + chance_db
-        )
+        n = np.arange(2, LAST_HARMONIC + 1)
+        n = n[n * frequency < HIGHEST_CORNER * self.rate_hz]
+        at = np.rint(n * frequency * SPECTRUM_S).astype(np.intp)
+        harmonics = tuple(n[_over_db(mean, at) >= HARMONIC_DB + chance_db].tolist())
         return Line(frequency, _share(mean, (1, *harmonics), frequency), harmonics)
 
     def findings(self) -> Iterator[Finding]:
@@ -201,11 +200,14 @@ def _filter_advice(line: Line) -> str:
     )
 
 
-def _over_db(mean: Array, i: int) -> float:
-    """Return how far a bin of a mean log power is over the median of its neighbourhood [dB]."""
+def _over_db(mean: Array, at: NDArray[np.intp]) -> Array:
+    """Return how far bins of a mean log power are over the median of their neighbourhoods [dB]."""
     near, line = round(NEAR_HZ * SPECTRUM_S), round(LINE_HZ * SPECTRUM_S)
-    around = np.concatenate([mean[max(2, i - near) : i - line], mean[i + line + 1 : i + near + 1]])
-    return float((mean[i] - np.median(around)) * 10 / np.log(10))
+    away = np.concatenate([np.arange(-near, -line), np.arange(line + 1, near + 1)])
+    # the first two bins hold what the window leaves of the mean, none lies outside the spectrum
+    bounded = np.concatenate([np.full(near, np.nan), mean, np.full(near, np.nan)])
+    bounded[: near + 2] = np.nan
+    return np.asarray((mean[at] - medians(bounded[at[:, None] + near + away])) * 10 / np.log(10))
 
 
 def _peak(mean: Array, i: int) -> float:
@@ -433,5 +435,5 @@ def _alone(bend: NDArray[np.floating], i: int, factor: float) -> bool:
     return bool(
         len(around) >= LEAST_NEAR
         and bend[i] >= factor * ALONE * around.max()
-        and bend[i] >= factor * FAR * np.median(around)
+        and bend[i] >= factor * FAR * medians(around)
     )

@@ -5,6 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 #: Standard deviation over the median of absolute deviations. Source: definition, 1 / Phi^-1(3/4).
 MAD_SIGMA = 1.4826
@@ -22,6 +28,17 @@ CAUCHY = 2.385
 
 #: Deviations of a normal law that are exceeded once in a thousand times. Source: definition.
 RARELY = 3.09
+
+
+def medians(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return medians over the last axis; NaN is left out, and given where nothing else is.
+
+    numpy's own leaves NaN out by masked arrays, 40 ms of a command, and takes a row at a time.
+    """
+    ordered = np.sort(values, axis=-1)
+    last = np.maximum(np.sum(ordered == ordered, axis=-1, keepdims=True) - 1, 0)
+    middle = np.take_along_axis(ordered, np.concatenate([last // 2, (last + 1) // 2], -1), -1)
+    return np.asarray((middle[..., 0] + middle[..., 1]) / 2)
 
 
 def chi_square_quantile(freedom: float, normal: float) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +73,7 @@ class PipelineConfig:
 
 def named_pipelines() -> dict[str, Path]:
     """Return the pipelines that ship with the package."""
-    folder = Path(str(files("groundtrace") / "pipelines"))
+    folder = Path(__file__).parents[1] / "pipelines"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 

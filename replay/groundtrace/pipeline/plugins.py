@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.errors import did_you_mean
@@ -12,6 +11,8 @@ from groundtrace_codecs.errors import did_you_mean
 from ..errors import PluginError
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from .stage import Stage
 
 #: Entry-point groups a distribution may add plugins to.
@@ -39,8 +40,13 @@ class Plugin:
     target: str
 
 
-#: Those of all installed distributions: read once, whatever group is asked for.
-_installed = cache(entry_points)
+@cache
+def _installed() -> Any:  # of another type before Python 3.12
+    """Return those of all installed distributions: read once, whatever group is asked for."""
+    # where no stage is named, none is looked for, and it takes a while to load
+    from importlib.metadata import entry_points
+
+    return entry_points()
 
 
 @cache

@@ -11,7 +11,6 @@ import shutil
 import tomllib
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
-from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
@@ -102,6 +101,9 @@ class Provenance:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
+    # reading results needs none, and it takes a while to load
+    from importlib.metadata import version
+
     versions = {name: version(name) for name in PACKAGES if name != "groundtrace"}
     return {"python": platform.python_version(), "groundtrace": installed_version()} | versions
 
