@@ -22,6 +22,10 @@ The floor is not presumed to be a slab. With the phase law of the floor the dela
 close: they are differences of one set of arrivals. With another law each pair is wrong in its own
 way. So the delays are taken by the law that closes better, and where neither closes the onsets are
 used.
+
+Delays may close and yet be none of waves that travel: a floor that rings as a whole moves at all
+sensors at once, whichever is near. Onsets tell which of two sensors a step is nearer to where they
+are far enough apart; where the delays turn that round too often, onsets are used, too.
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
@@ -74,8 +78,11 @@ COLUMNS = (
     Quantity("onset", "1"),
     Quantity("misclosure", "s"),
     Quantity("dispersion", "1"),
+    Quantity("reversed", "1"),
 )
-HEIGHT, CLOSURE, LOUDNESS, SHIFT, UNCERTAINTY, ONSET, MISCLOSURE, POWER = range(len(COLUMNS))
+HEIGHT, CLOSURE, LOUDNESS, SHIFT, UNCERTAINTY, ONSET, MISCLOSURE, POWER, REVERSED = range(
+    len(COLUMNS)
+)
 #: Power of frequency that phases grow with where waves do not disperse. Source: definition.
 EVEN = 1.0
 #: Steps over which the laws are compared, and so many steps decide by one law before the other is
@@ -84,6 +91,12 @@ COMPARED, AGAIN = 16, 8
 #: Steps after which it is said that delays do not close, where more than half do not. Chosen by
 #: judgement: a few may be spoilt by noise.
 JUDGED = 8
+#: Onsets farther apart than this tell which sensor a step is nearer to [s]. Chosen by judgement: a
+#: step that is heard well is picked to less.
+CLEAR_S = 0.0015
+#: Pairs of such onsets in the last steps before their order is compared. Chosen by judgement: two
+#: steps among four sensors may be picked wrong.
+ENOUGH_CLEAR = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +140,16 @@ class GccPhatParameters(ArrayParameters):
         float,
         gate("s", "Most that the delays of all pairs are off the arrivals that fit them.", ge=0),
     ] = 0.0012
+    max_reversed: Annotated[
+        float,
+        gate(
+            "1",
+            "Largest part of the pairs that onsets tell apart, over the last steps, in the other "
+            "order by their delays.",
+            ge=0,
+            le=1,
+        ),
+    ] = 0.5
     min_loudness: Annotated[
         float, gate("1", "Least strength of the step over that of the noise before it.", ge=0)
     ] = 1.5
@@ -215,6 +238,7 @@ class GccPhat(ArrayMethod):
         CorrelationOnlyLevel("height", "1", "min_height"),
         CorrelationOnlyLevel("closure", "s", "max_closure_s", at_least=False),
         CorrelationOnlyLevel("misclosure", "s", "max_misclosure_s", at_least=False),
+        CorrelationOnlyLevel("reversed", "1", "max_reversed", at_least=False),
         CorrelationOnlyLevel("loudness", "1", "min_loudness"),
         OnsetSeparation(),
     )
@@ -239,7 +263,9 @@ class GccPhat(ArrayMethod):
         p = self.parameters
         laws = (p.dispersion, EVEN) if p.or_even and p.dispersion != EVEN else (p.dispersion,)
         self._closed = {power: deque[float](maxlen=COMPARED) for power in laws}
-        self._examined, self._open, self._reported = 0, 0, False
+        self._orders = deque[tuple[int, int]](maxlen=COMPARED)
+        self._examined, self._open = 0, 0
+        self._open_reported = self._reversed_reported = False
         return names if self._compared.sum() >= 3 else ()
 
     def measure(self, window: Window, *, beforehand: bool = False) -> ArrivalsByLaw:
@@ -251,8 +277,9 @@ class GccPhat(ArrayMethod):
         if len(channels) >= 3 and np.isfinite(window.arrivals_s[channels]).any():
             laws = list(self._closed) if beforehand else self._tried()
             for arrived in self._consistent(window, noise, channels, laws):
-                by_law[arrived.power] = (
+                by_law[arrived.power] = MeasuredByLaw(
                     arrived.misclosure_s,
+                    _order(window.arrivals_s[channels], arrived.relative_s),
                     self._arrivals(window, arrived, channels, loud),
                 )
         return ArrivalsByLaw(self._onsets(window, loud), by_law)
@@ -263,14 +290,24 @@ class GccPhat(ArrayMethod):
         if measured.by_law:
             tried = self._tried()
             for power in tried:
-                self._closed[power].append(measured.by_law[power][0])
+                self._closed[power].append(measured.by_law[power].misclosure_s)
             power = self._best_law() if len(tried) > 1 else tried[0]
-            misclosure_s, arrivals = measured.by_law[power]
+            taken = measured.by_law[power]
             self._examined += 1
-            self._open += misclosure_s > self.parameters.max_misclosure_s
-            parts.append(arrivals)
+            closed = taken.misclosure_s <= self.parameters.max_misclosure_s
+            self._open += not closed
+            if closed:
+                self._orders.append(taken.order)
+            taken.arrivals.value[:, REVERSED] = self._reversed()
+            parts.append(taken.arrivals)
         candidates = Candidates.concatenate(parts)
         return candidates.rows(np.lexsort((candidates.channel, candidates.time_ns)))
+
+    def _reversed(self) -> float:
+        """Return the part of the pairs in the last steps that delays put in the other order."""
+        turned_round = sum(pairs for pairs, _ in self._orders)
+        clear = sum(pairs for _, pairs in self._orders)
+        return turned_round / clear if clear >= ENOUGH_CLEAR else 0.0
 
     def _quiet(self, window: Window) -> int:
         picked = window.arrivals_s[np.isfinite(window.arrivals_s)]
@@ -346,19 +383,29 @@ class GccPhat(ArrayMethod):
         return min(self._closed, key=lambda power: median(self._closed[power]))
 
     def remarks(self, time_ns: int) -> Iterator[Note]:
-        """Say once that delays of pairs do not close."""
-        if self._reported or self._examined < JUDGED or 2 * self._open <= self._examined:
-            return
-        self._reported = True
-        off_ms = 1e3 * median(self._closed[self._best_law()])
-        yield Note(
-            time_ns,
-            f"{self._topic}: the delays of pairs contradict each other by {off_ms:.1f} ms in the "
-            f"middle of the last steps ({1e3 * self.parameters.max_misclosure_s:.1f} ms allowed): "
-            f"{self._stage} gives onsets instead in {self._open} of {self._examined} steps",
-            "WARN",
-            self._stage,
-        )
+        """Say once that delays of pairs do not close, and that they turn round what onsets say."""
+        p, part = self.parameters, self._reversed()
+        if not self._open_reported and self._examined >= JUDGED and 2 * self._open > self._examined:
+            self._open_reported = True
+            off_ms = 1e3 * median(self._closed[self._best_law()])
+            yield Note(
+                time_ns,
+                f"{self._topic}: the delays of pairs contradict each other by {off_ms:.1f} ms in "
+                f"the middle of the last steps ({1e3 * p.max_misclosure_s:.1f} ms allowed): "
+                f"{self._stage} gives onsets instead in {self._open} of {self._examined} steps",
+                "WARN",
+                self._stage,
+            )
+        if not self._reversed_reported and part > p.max_reversed:
+            self._reversed_reported = True
+            yield Note(
+                time_ns,
+                f"{self._topic}: delays of pairs turn round the order of {part:.0%} of the "
+                f"onsets that are clearly apart ({p.max_reversed:.0%} allowed), as where a floor "
+                f"rings as a whole: {self._stage} gives onsets instead",
+                "WARN",
+                self._stage,
+            )
 
     def _candidates(
         self, window: Window, channel: NDArray[np.intp], since_s: Array, value: Array
@@ -367,6 +414,22 @@ class GccPhat(ArrayMethod):
         own_s = since_s + self._ahead_s[channel]
         times = window.start_ns + np.rint(own_s * NS_PER_S).astype(np.int64)
         return Candidates(times, channel.astype(np.int32), value.astype(np.float32))
+
+
+def _order(onsets_s: Array, relative_s: Array) -> tuple[int, int]:
+    """Return how many pairs whose onsets are clearly apart have delays the other way, of how many.
+
+    Parameters
+    ----------
+    onsets_s
+        Shape (n,) [s]; NaN where a channel has none.
+    relative_s
+        Shape (n,): arrivals by correlation [s].
+    """
+    apart_s = np.subtract.outer(onsets_s, onsets_s)
+    clear = apart_s > CLEAR_S  # each pair once, and none without onsets
+    turned_round = clear & (np.subtract.outer(relative_s, relative_s) < 0)
+    return int(turned_round.sum()), int(clear.sum())
 
 
 def _loudness(values: Array, noise: Array) -> Array:
@@ -446,6 +509,24 @@ class PairArrivals:
     misclosure_s: float
 
 
+class MeasuredByLaw(NamedTuple):
+    """What is measured of a step by one law of phases.
+
+    Attributes
+    ----------
+    misclosure_s
+        By how much the delays of pairs are off [s].
+    order
+        How many pairs of sensors the delays put in the other order than onsets, and of how many.
+    arrivals
+        By correlation.
+    """
+
+    misclosure_s: float
+    order: tuple[int, int]
+    arrivals: Candidates
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrivalsByLaw:
     """What is measured of a step, before it is known which law holds.
@@ -455,12 +536,11 @@ class ArrivalsByLaw:
     onsets
         The picks as they came.
     by_law
-        By the power of a law, by how much the delays of pairs are off [s], and the arrivals; none
-        where too few channels heard the step.
+        By the power of a law; none where too few channels heard the step.
     """
 
     onsets: Candidates
-    by_law: dict[float, tuple[float, Candidates]]
+    by_law: dict[float, MeasuredByLaw]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

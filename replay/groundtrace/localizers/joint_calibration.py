@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..dsp.robust import CAUCHY, HUBER
+from ..dsp.robust import CAUCHY, HUBER, medians
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from . import tdoa
 from .base import EXPONENT, ArrivalModel, ArrivalPrior, reference_distance
@@ -55,6 +55,15 @@ ABSCISSA, WEIGHTS = 3**0.5, (2 / 3, 1 / 6, 1 / 6)
 #: How far a floor may stray from the one that the geometry names, of the logarithm of its pace.
 #: Chosen by judgement: what is stated is trusted, but not against many arrivals.
 KNOWN_DEVIATION = 0.1
+#: How far the pace may stray from the one that scatters the arrivals as impacts all over the room
+#: would, of its logarithm. Without it arrivals of four sensors that no pace explains are explained
+#: best by impacts in the middle and waves that are endlessly slow. Chosen by judgement: people keep
+#: to a part of a room.
+SCATTER_DEVIATION = 0.7
+#: How far errors of two impacts are alike: what a law of waves gets wrong it does at each of them,
+#: so that many tell as much as 1 / ALIKE that err on their own. Chosen by judgement: a law that errs
+#: by half as much as arrivals do.
+ALIKE = 0.2
 
 
 @dataclass(slots=True)
@@ -124,10 +133,18 @@ class RunningFloor:
             begun = start(impacts, self.outline, exponent=self.prior.exponent)
             floor, places = begun.floor, begun.places
         free = FreeParameters(exponent=self.prior.exponent_deviation > 0)
-        self.calibration = fit(
-            impacts, floor, places, loss="cauchy", free=free, prior=self.prior, rounds=ROUNDS_EACH
+        prior = self.prior
+        if not np.isfinite(prior.pace_deviation):
+            pace = scattered_pace(impacts, self.outline, prior.exponent)
+            prior = replace(prior, pace_s=pace, pace_deviation=SCATTER_DEVIATION)
+        # the more impacts err alike, the less all tell against what is known beforehand
+        times_too_sure = 1 + ALIKE * (len(self.rows) - 1)
+        prior = prior.surer(times_too_sure)
+        fitted = fit(
+            impacts, floor, places, loss="cauchy", free=free, prior=prior, rounds=ROUNDS_EACH
         )
-        self.places = deque(self.calibration.places)
+        self.calibration = replace(fitted, covariance=times_too_sure * fitted.covariance)
+        self.places = deque(fitted.places)
 
 
 def running_arrival_model(
@@ -576,22 +593,33 @@ def _clocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[A
 def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[ArrivalModel]:
     """Return floors whose paces lie about that of the scatter, each with its offsets."""
     reference = reference_distance(impacts.positions)
-    u = (lattice(impacts.positions, outline).u.T / reference) ** exponent
-    late, scatter = _scatter(impacts.times_s)
-    farther, apart = _scatter(u)
+    late, _ = _scatter(impacts.times_s)
+    farther, _ = _scatter(_lattice_distances(impacts, outline, exponent))
     floors = []
     for factor in FACTORS:
-        pace = factor * scatter / apart
+        pace = factor * scattered_pace(impacts, outline, exponent)
         ahead = late - pace * farther
         floors.append(ArrivalModel(reference, pace, exponent, ahead - ahead.mean()))
     return floors
 
 
+def scattered_pace(impacts: Impacts, outline: Array | None, exponent: float) -> float:
+    """Return the pace that scatters the arrivals as impacts all over the room would [s]."""
+    _, apart = _scatter(_lattice_distances(impacts, outline, exponent))
+    return max(_scatter(impacts.times_s)[1] / apart, LEAST_SIGMA_S)
+
+
+def _lattice_distances(impacts: Impacts, outline: Array | None, exponent: float) -> Array:
+    """Return the powers of distances in references of nodes, shape (q, n)."""
+    reference = reference_distance(impacts.positions)
+    return (lattice(impacts.positions, outline).u.T / reference) ** exponent
+
+
 def _scatter(rows: Array) -> tuple[Array, float]:
     """Return the median of each column less the row's mean, shape (n,), and what is left over."""
     left = rows - np.nanmean(rows, axis=1, keepdims=True)
-    column = np.nanmedian(left, axis=0)
-    return column, float(np.nanmedian(np.abs(left - column)))
+    column = medians(left.T)
+    return column, float(medians(np.abs(left - column).ravel()))
 
 
 #: Exponents a fit may try. Chosen by judgement: 1 is a constant velocity, 4/3 a thin plate (thesis,

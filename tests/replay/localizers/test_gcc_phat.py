@@ -17,6 +17,7 @@ from groundtrace.localizers.gcc_phat import (
     ONSET,
     POWER,
     REFERENCE_HZ,
+    REVERSED,
     SHIFT,
     Delays,
     GccPhat,
@@ -173,9 +174,9 @@ def test_gates_tell_by_how_much_and_onsets_give_way_to_what_stands() -> None:
     onset = found.value[:, ONSET] == 1
     assert onset.sum() == len(NAMES)
     assert decisions.accepted.tolist() == (~onset).tolist()
-    assert np.isinf(decisions.gate_value[onset, :4]).all()
+    assert np.isinf(decisions.gate_value[onset, :5]).all()
     shift = np.abs(found.value[~onset, SHIFT]).max()
-    assert (decisions.gate_value[onset, 4] <= shift + 1e-6).all()
+    assert (decisions.gate_value[onset, 5] <= shift + 1e-6).all()
     strict = method(min_height=0.99)
     decisions, _ = decide(found, COLUMNS, strict.gates, strict.parameters)
     assert decisions.accepted.tolist() == onset.tolist()
@@ -258,3 +259,41 @@ def test_delays_that_do_not_close_leave_the_onsets_and_are_told_once() -> None:
     (note,) = told
     assert "the delays of pairs contradict each other" in note.text
     assert "onsets instead in 8 of 8 steps" in note.text
+
+
+def test_delays_that_turn_round_what_onsets_say_leave_the_onsets_and_are_told_once() -> None:
+    """A floor that rings as a whole: the far sensors move no later than those beside the step."""
+    made, near, far = method(), away(0.0, 0.2), away(6.0, 5.8)
+    made._stage, made._topic = "arrivals", "/s"
+    told, reversed_ = [], []
+    for _ in range(6):
+        heard = window(waves(far), far)
+        # picked where they are: a millisecond per metre
+        picked = BEFORE_S + (near - near.min()) / 1000.0
+        found = examined(made, replace(heard, arrivals_s=picked))
+        onset = found.value[:, ONSET] == 1
+        decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
+        reversed_.append(float(found.value[~onset, REVERSED].max()))
+        assert decisions.accepted.tolist() == onset.tolist()
+        told += list(made.remarks(STEP_NS))
+    assert min(reversed_) > 0.9
+    (note,) = told
+    assert "turn round the order of" in note.text
+    assert "arrivals gives onsets instead" in note.text
+
+
+def test_few_pairs_of_onsets_turn_nothing_round() -> None:
+    made, near, far = method(), away(0.0, 0.2), away(6.0, 5.8)
+    picked = np.full(len(NAMES), np.nan)
+    picked[[0, 4, 8]] = BEFORE_S + (near[[0, 4, 8]] - near[0]) / 1000.0
+    found = examined(made, replace(window(waves(far), far), arrivals_s=picked))
+    assert set(found.value[found.value[:, ONSET] == 0, REVERSED].tolist()) == {0.0}
+
+
+def test_onsets_that_agree_with_the_delays_are_not_called_reversed() -> None:
+    made, distance = method(), away(1.3, 4.1)
+    for _ in range(4):
+        picked = BEFORE_S + (distance - distance.min()) / 500.0
+        found = examined(made, replace(window(waves(distance), distance), arrivals_s=picked))
+    assert set(found.value[found.value[:, ONSET] == 0, REVERSED].tolist()) == {0.0}
+    assert not list(made.remarks(STEP_NS))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, rms, uniform
 
-from groundtrace.localizers.base import PRIOR_COUNT, PlacedSensors, RunningSigma
+from groundtrace.localizers.base import PRIOR_COUNT, ArrivalPrior, PlacedSensors, RunningSigma
+from groundtrace.localizers.joint_calibration import Impacts, bounds_of, scattered_pace
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating
 from groundtrace.localizers.wave_physics import PLATE
 from groundtrace.pipeline.plugins import load
@@ -58,6 +59,47 @@ def test_what_the_geometry_knows_of_the_floor_counts_from_the_first_impact_on() 
     found = [worker.locate(row) for row in times]
     assert rms(np.hypot(*(np.array([(f.x, f.y) for f in found]) - places).T)) < 0.35
     assert worker.running.floor.scale == pytest.approx(SCALE, rel=0.1)
+
+
+CORNERS = np.array([(4.0, 0.0), (0.0, 0.0), (0.0, 6.0), (4.0, 6.0)])
+WALLS = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 6.0), (0.0, 6.0)])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("unit_m", [1.0, 0.3048])
+def test_errors_that_all_impacts_share_are_not_taken_for_a_slow_floor(
+    seed: int, unit_m: float
+) -> None:
+    """Forty impacts at four places among four sensors: each path is slower or faster by its own."""
+    rng = np.random.default_rng(seed)
+    worker = SelfCalibrating(SelfCalibrating.Parameters(exponent=1.0))
+    assert worker.prepare(PlacedSensors(CORNERS / unit_m, WALLS / unit_m, Medium())) == ""
+    places = np.tile([(1.0, 2.0), (2.0, 0.5), (2.0, 5.5), (3.0, 4.0)], (10, 1))
+    apart = np.hypot(*(places[:, None] - CORNERS).transpose(2, 0, 1))
+    paths = np.tile(np.exp(rng.normal(0, 0.25, (4, 4))), (10, 1))
+    times = apart / 1000.0 * paths + rng.normal(0, 5e-5, apart.shape)
+    found = [worker.locate(row) for row in times]
+    floor = worker.running.floor
+    assert 0.5 < floor.pace_s / (floor.reference_m * unit_m / 1000.0) < 2
+    assert normalised(found[8:], places[8:] / unit_m) < 3
+    # forty tell hardly more of the pace than six
+    assert worker.running.pace_deviation > 0.5
+
+
+def test_what_errs_alike_counts_as_few() -> None:
+    prior = ArrivalPrior(pace_s=0.01, pace_deviation=0.6, exponent_deviation=0.1)
+    surer = prior.surer(4.0)
+    assert (surer.pace_deviation, surer.exponent_deviation) == pytest.approx((0.3, 0.05))
+    assert ArrivalPrior(exponent_deviation=0.0).surer(4.0).exponent_deviation == 0.0
+
+
+def test_the_pace_that_scatters_arrivals_as_impacts_all_over_the_room_would() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(0, 1, (400, 2)) * WALLS.max(axis=0)
+    apart = np.hypot(*(places[:, None] - CORNERS).transpose(2, 0, 1))
+    impacts = Impacts(CORNERS, apart / 800.0, bounds_of(CORNERS, WALLS))
+    pace = scattered_pace(impacts, WALLS, 1.0)
+    assert pace == pytest.approx(np.sqrt(13.0) / 800.0, rel=0.1)
 
 
 def test_an_impact_is_placed_by_those_before_it_only() -> None:
