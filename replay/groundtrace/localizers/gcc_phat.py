@@ -25,7 +25,7 @@ used.
 
 Delays may close and yet be none of waves that travel: a floor that rings as a whole moves at all
 sensors at once, whichever is near. Onsets tell which of two sensors a step is nearer to where they
-are far enough apart; where the delays turn that round too often, onsets are used, too.
+are far enough apart; where the delays say the opposite too often, onsets are used, too.
 """
 
 from __future__ import annotations
@@ -305,9 +305,9 @@ class GccPhat(ArrayMethod):
 
     def _reversed(self) -> float:
         """Return the part of the pairs in the last steps that delays put in the other order."""
-        turned_round = sum(pairs for pairs, _ in self._orders)
+        against = sum(pairs for pairs, _ in self._orders)
         clear = sum(pairs for _, pairs in self._orders)
-        return turned_round / clear if clear >= ENOUGH_CLEAR else 0.0
+        return against / clear if clear >= ENOUGH_CLEAR else 0.0
 
     def _quiet(self, window: Window) -> int:
         picked = window.arrivals_s[np.isfinite(window.arrivals_s)]
@@ -383,7 +383,7 @@ class GccPhat(ArrayMethod):
         return min(self._closed, key=lambda power: median(self._closed[power]))
 
     def remarks(self, time_ns: int) -> Iterator[Note]:
-        """Say once that delays of pairs do not close, and that they turn round what onsets say."""
+        """Say once that delays of pairs do not close, and that they contradict the onsets."""
         p, part = self.parameters, self._reversed()
         if not self._open_reported and self._examined >= JUDGED and 2 * self._open > self._examined:
             self._open_reported = True
@@ -400,7 +400,7 @@ class GccPhat(ArrayMethod):
             self._reversed_reported = True
             yield Note(
                 time_ns,
-                f"{self._topic}: delays of pairs turn round the order of {part:.0%} of the "
+                f"{self._topic}: delays of pairs reverse the order of {part:.0%} of the "
                 f"onsets that are clearly apart ({p.max_reversed:.0%} allowed), as where a floor "
                 f"rings as a whole: {self._stage} gives onsets instead",
                 "WARN",
@@ -428,8 +428,8 @@ def _order(onsets_s: Array, relative_s: Array) -> tuple[int, int]:
     """
     apart_s = np.subtract.outer(onsets_s, onsets_s)
     clear = apart_s > CLEAR_S  # each pair once, and none without onsets
-    turned_round = clear & (np.subtract.outer(relative_s, relative_s) < 0)
-    return int(turned_round.sum()), int(clear.sum())
+    against = clear & (np.subtract.outer(relative_s, relative_s) < 0)
+    return int(against.sum()), int(clear.sum())
 
 
 def _loudness(values: Array, noise: Array) -> Array:

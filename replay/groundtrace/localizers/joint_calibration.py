@@ -61,8 +61,8 @@ KNOWN_DEVIATION = 0.1
 #: to a part of a room.
 SCATTER_DEVIATION = 0.7
 #: How far errors of two impacts are alike: what a law of waves gets wrong it does at each of them,
-#: so that many tell as much as 1 / ALIKE that err on their own. Chosen by judgement: a law that errs
-#: by half as much as arrivals do.
+#: so that many tell as much as 1 / ALIKE that err on their own. Chosen by judgement: a law that
+#: errs by half as much as arrivals do.
 ALIKE = 0.2
 
 

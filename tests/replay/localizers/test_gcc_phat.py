@@ -261,7 +261,7 @@ def test_delays_that_do_not_close_leave_the_onsets_and_are_told_once() -> None:
     assert "onsets instead in 8 of 8 steps" in note.text
 
 
-def test_delays_that_turn_round_what_onsets_say_leave_the_onsets_and_are_told_once() -> None:
+def test_delays_that_reverse_what_onsets_say_leave_the_onsets_and_are_told_once() -> None:
     """A floor that rings as a whole: the far sensors move no later than those beside the step."""
     made, near, far = method(), away(0.0, 0.2), away(6.0, 5.8)
     made._stage, made._topic = "arrivals", "/s"
@@ -278,11 +278,11 @@ def test_delays_that_turn_round_what_onsets_say_leave_the_onsets_and_are_told_on
         told += list(made.remarks(STEP_NS))
     assert min(reversed_) > 0.9
     (note,) = told
-    assert "turn round the order of" in note.text
+    assert "reverse the order of" in note.text
     assert "arrivals gives onsets instead" in note.text
 
 
-def test_few_pairs_of_onsets_turn_nothing_round() -> None:
+def test_few_pairs_of_onsets_tell_no_order() -> None:
     made, near, far = method(), away(0.0, 0.2), away(6.0, 5.8)
     picked = np.full(len(NAMES), np.nan)
     picked[[0, 4, 8]] = BEFORE_S + (near[[0, 4, 8]] - near[0]) / 1000.0
