@@ -97,6 +97,9 @@ CLEAR_S = 0.0015
 #: Pairs of such onsets in the last steps before their order is compared. Chosen by judgement: two
 #: steps among four sensors may be picked wrong.
 ENOUGH_CLEAR = 12
+#: A step with so many is judged by itself where its delays contradict all of them. Chosen by
+#: judgement: one late pick among four sensors makes three.
+CLEAR_ALONE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +147,8 @@ class GccPhatParameters(ArrayParameters):
         float,
         gate(
             "1",
-            "Largest part of the pairs that onsets tell apart, over the last steps, in the other "
-            "order by their delays.",
+            "Largest part of the pairs that onsets tell apart whose order delays reverse, over the "
+            "last steps, or in the step itself where they reverse all.",
             ge=0,
             le=1,
         ),
@@ -298,7 +301,9 @@ class GccPhat(ArrayMethod):
             self._open += not closed
             if closed:
                 self._orders.append(taken.order)
-            taken.arrivals.value[:, REVERSED] = self._reversed()
+            against, clear = taken.order
+            alone = against == clear >= CLEAR_ALONE
+            taken.arrivals.value[:, REVERSED] = 1.0 if alone else self._reversed()
             parts.append(taken.arrivals)
         candidates = Candidates.concatenate(parts)
         return candidates.rows(np.lexsort((candidates.channel, candidates.time_ns)))

@@ -297,3 +297,15 @@ def test_onsets_that_agree_with_the_delays_are_not_called_reversed() -> None:
         found = examined(made, replace(window(waves(distance), distance), arrivals_s=picked))
     assert set(found.value[found.value[:, ONSET] == 0, REVERSED].tolist()) == {0.0}
     assert not list(made.remarks(STEP_NS))
+
+
+def test_a_step_whose_order_is_reversed_throughout_is_judged_by_itself() -> None:
+    made, distance, near = method(), away(1.3, 4.1), away(0.0, 0.2)
+    for _ in range(8):
+        picked = BEFORE_S + (distance - distance.min()) / 500.0
+        examined(made, replace(window(waves(distance), distance), arrivals_s=picked))
+    far = away(6.0, 5.8)
+    picked = BEFORE_S + np.round((near - near.min()) / 4.0) * 4e-3  # the same or clearly apart
+    found = examined(made, replace(window(waves(far), far), arrivals_s=picked))
+    assert set(found.value[found.value[:, ONSET] == 0, REVERSED].tolist()) == {1.0}
+    assert not list(made.remarks(STEP_NS))  # the floor is not judged by one step
