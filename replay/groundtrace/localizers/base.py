@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from ..pipeline.gates import Gate
     from ..pipeline.stage import LocationEstimate, Output
+    from .path_errors import PathErrors
 
     Array = NDArray[np.float64]
 
@@ -295,6 +296,7 @@ class ArrivalLocalizer(Stage):
         self._reported = False
         self._before: tuple[int, Array] | None = None
         self._check: ModelCheck | None = None
+        self._path_errors: PathErrors | None = None
         self._doubted = False
 
     @property
@@ -313,6 +315,10 @@ class ArrivalLocalizer(Stage):
 
     def model_check(self) -> ModelCheck | None:
         """Return what looks at the residuals; None where they are no times."""
+        return None
+
+    def path_errors(self) -> PathErrors | None:
+        """Return what learns how far arrivals err alike; None where places are not by times."""
         return None
 
     @abstractmethod
@@ -336,7 +342,7 @@ class ArrivalLocalizer(Stage):
             )
         if missing:
             raise CannotStart(f"no places: expected a geometry with {missing}, found none")
-        self._check = self.model_check()
+        self._check, self._path_errors = self.model_check(), self.path_errors()
         self._offsets_s = geometry.clock_offsets(self._channels)
         self._context = context
         return ("all",)
@@ -384,11 +390,16 @@ class ArrivalLocalizer(Stage):
         """
         count = self.parameters.nearest
         if not count:
-            return self.locate(arrivals)
-        estimate = self.locate(self._around(time_ns, arrivals, count))
+            return self._widened(arrivals)
+        estimate = self._widened(self._around(time_ns, arrivals, count))
         if estimate.located and self._passes(estimate):
             self._before = time_ns, np.array([estimate.x, estimate.y])
         return estimate
+
+    def _widened(self, arrivals: Array) -> LocationEstimate:
+        """Return the place, its covariance widened by what arrivals err alike."""
+        estimate, errors = self.locate(arrivals), self._path_errors
+        return estimate if errors is None else errors.widened(estimate, arrivals)
 
     def _around(self, time_ns: int, arrivals: Array, count: int) -> Array:
         """Return the arrivals of so many sensors nearest to the place before, the others NaN."""

@@ -18,6 +18,7 @@ from .base import (
     columns,
     gates,
 )
+from .path_errors import PathErrors
 
 if TYPE_CHECKING:
     import numpy as np
@@ -110,6 +111,10 @@ class Hyperbolic(ArrivalLocalizer):
         """Return the check of places with more arrivals than unknowns."""
         return ModelCheck(self.parameters.sigma_s, tdoa.HYPERBOLIC_UNKNOWNS)
 
+    def path_errors(self) -> PathErrors:
+        """Return what learns how far arrivals err alike."""
+        return PathErrors(self.site.positions, scale=1 / self.velocity_mps)
+
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         site, sigma = self.site, self.sigma.value_s
@@ -155,6 +160,10 @@ class PowerLaw(ArrivalLocalizer):
     def model_check(self) -> ModelCheck:
         """Return the check of places with more arrivals than unknowns."""
         return ModelCheck(self.parameters.sigma_s, tdoa.POWER_LAW_UNKNOWNS)
+
+    def path_errors(self) -> PathErrors:
+        """Return what learns how far arrivals err alike."""
+        return PathErrors(self.site.positions, self.parameters.exponent)
 
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
@@ -217,6 +226,10 @@ class SelfCalibrating(ArrivalLocalizer):
     def model_check(self) -> ModelCheck:
         """Return the check of places with more arrivals than unknowns."""
         return ModelCheck(self.parameters.sigma_s, tdoa.HYPERBOLIC_UNKNOWNS)
+
+    def path_errors(self) -> PathErrors:
+        """Return what learns how far arrivals err alike."""
+        return PathErrors(self.running.positions, self.running.prior.exponent)
 
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best, and learn from it."""
