@@ -41,6 +41,9 @@ CLIP = 2.5
 #: Distances count as at least this part of the farthest. Chosen by judgement: beside a sensor a
 #: direction says nothing.
 NEAREST = 0.1
+#: Where the slopes' products and their inverse are larger, sensors lie in a line. Chosen by
+#: judgement: far below what doubles hold.
+SINGULAR = 1e10
 
 
 @dataclass(slots=True)
@@ -82,24 +85,25 @@ class PathErrors:
         if not estimate.located:
             return estimate
         arrived = np.isfinite(times_s)
-        fit = _Fit.at(
-            self.sensors[arrived], np.array([estimate.x, estimate.y]), self.exponent, self.scale
-        )
+        position = np.array([estimate.x, estimate.y])
+        fit = _Fit.at(self.sensors[arrived], position, self.exponent, free=self.scale is None)
         if fit is None:
             return estimate
-        times = times_s[arrived] - (0.0 if self.scale is None else self.scale * fit.powers)
+        times = times_s[arrived][fit.order]
+        if self.scale is not None:
+            times -= self.scale * fit.powers
         self._learn(fit, times)
         return replace(estimate, covariance=fit.factor(self.share) * estimate.covariance)
 
     def _learn(self, fit: _Fit, times: Array) -> None:
-        left = times - fit.across @ (fit.across.T @ times)
+        left = times - fit.weights @ (fit.slopes.T @ times)
         most = CLIP * MAD_SIGMA * float(medians(np.abs(left)))
         left = left.clip(-most, most)
         square = float(left @ left)
         if fit.spare < 2 or square <= 0:
             return
         alone, common = fit.alone, fit.common
-        excess = float(left @ fit.beside @ left) / square - alone
+        excess = float(left @ _beside(left)) / square - alone
         # a ratio of so many residuals scatters by about the root of 2 / n
         weight = len(times) / 2
         self._moments.append((weight * excess * (common - alone), weight * (common - alone) ** 2))
@@ -111,66 +115,79 @@ class _Fit:
 
     Attributes
     ----------
+    order
+        The sensors around the place, shape (n,); all that follows is in this order.
     powers
         Shape (n,): powers of the distances.
-    across, inverse
-        Orthonormal columns of its slopes, shape (n, k), and the inverse of what makes them so,
-        (k, k).
-    beside, correlation
-        Shape (n, n): which sensors are next to each other seen from the place, and the covariance
-        of errors in common, of mean 1.
+    slopes
+        Shape (n, k): by x, y, the moment and, where it is free, the pace.
+    inverse, weights
+        Of the slopes' products, shape (k, k), and the slopes times it, (n, k).
+    correlation, along
+        Covariance of errors in common, of mean 1, shape (n, n), and its product with the slopes.
+    hidden
+        The sum of squares that such errors leave over.
     """
 
+    order: NDArray[np.intp]
     powers: Array
-    across: Array
+    slopes: Array
     inverse: Array
-    beside: Array
+    weights: Array
     correlation: Array
+    along: Array
+    hidden: float
 
     @classmethod
-    def at(
-        cls, sensors: Array, position: Array, exponent: float, scale: float | None
-    ) -> _Fit | None:
-        """Return it for a place; None where no arrival is to spare."""
+    def at(cls, sensors: Array, position: Array, exponent: float, *, free: bool) -> _Fit | None:
+        """Return it for a place; None where no arrival is to spare, or sensors are in a line."""
+        unknowns = 3 + free
+        if len(sensors) <= unknowns:
+            return None
         away = sensors - position
-        distance = np.hypot(*away.T)
-        distance = np.maximum(distance, NEAREST * distance.max())
-        angle = np.arctan2(away[:, 1], away[:, 0])
-        powers, slope = distance**exponent, distance ** (exponent - 1)
-        columns = [slope * np.cos(angle), slope * np.sin(angle), np.ones_like(distance)]
-        slopes = np.array(columns if scale is not None else [*columns, powers]).T
-        if len(slopes) <= slopes.shape[1]:
+        order = np.argsort(np.arctan2(away[:, 1], away[:, 0]))
+        away = away[order]
+        apart = np.hypot(away[:, 0], away[:, 1])
+        distance = np.maximum(apart, NEAREST * apart.max())
+        relative, direction = distance / distance.mean(), away / np.maximum(apart, 1e-9)[:, None]
+        slopes = np.ones((len(sensors), unknowns))
+        slopes[:, :2] = direction * relative[:, None] ** (exponent - 1)
+        if free:
+            slopes[:, 3] = relative**exponent
+        products = slopes.T @ slopes
+        try:
+            inverse: Array = np.linalg.inv(products).astype(np.float64, copy=False)
+        except np.linalg.LinAlgError:
             return None
-        across, upper = np.linalg.qr(slopes)
-        size = np.abs(np.diag(upper))
-        if size.min() < 1e-6 * size.max():  # sensors in one line
+        if not np.trace(products) * np.trace(inverse) < SINGULAR:
             return None
-        order = np.argsort(angle)
-        beside = np.zeros((len(angle), len(angle)))
-        beside[order, np.roll(order, -1)] = 0.5
         # von Mises' law, which is a covariance on the circle; near 0 it is a normal law's
-        correlation = np.exp((np.cos(angle[:, None] - angle) - 1) / ALIKE_RAD**2)
-        correlation *= np.outer(distance, distance)
-        correlation /= np.mean(distance**2)
-        return cls(powers, across, np.linalg.inv(upper), beside + beside.T, correlation)
+        correlation = np.exp((direction @ direction.T - 1) / ALIKE_RAD**2)
+        correlation *= np.outer(relative, relative / np.mean(relative**2))
+        weights, along = slopes @ inverse, correlation @ slopes
+        hidden = float(np.trace(correlation) - np.vdot(weights, along))
+        powers = distance**exponent
+        return cls(order, powers, slopes, inverse, weights, correlation, along, hidden)
 
     @property
     def spare(self) -> int:
         """Arrivals that the unknowns leave over."""
-        arrivals, unknowns = self.across.shape
+        arrivals, unknowns = self.slopes.shape
         return int(arrivals - unknowns)
 
     @property
     def alone(self) -> float:
         """How alike residuals next to each other are where each arrival errs on its own."""
-        return -float(np.sum(self.across * (self.beside @ self.across))) / self.spare
+        return -float(np.vdot(self.weights, _beside(self.slopes))) / self.spare
 
     @property
     def common(self) -> float:
         """How alike they are where arrivals err in common."""
-        taken = np.eye(len(self.across)) - self.across @ self.across.T
-        left = taken @ self.correlation @ taken
-        return float(np.sum(self.beside * left)) / float(np.trace(left))
+        beside = _beside(self.weights)
+        of_errors = np.trace(self.correlation, 1) + self.correlation[-1, 0]
+        crossed = np.vdot(self.weights, _beside(self.along)) + np.vdot(self.along, beside)
+        twice = np.vdot(self.weights @ (self.slopes.T @ self.along), beside)
+        return float(of_errors - crossed + twice) / self.hidden
 
     def factor(self, share: float) -> float:
         """Return how much larger the variance of the place is than residuals alone tell, from 1.
@@ -180,13 +197,15 @@ class _Fit:
         share
             What part of the residuals errors in common make.
         """
-        inner = self.across.T @ self.correlation @ self.across
-        hidden = float(np.trace(self.correlation) - np.trace(inner))
-        # parts of the errors, of which the fit leaves so much over
-        separate = (1 - share) * hidden
-        common = share * self.spare
-        moved = (self.inverse @ inner @ self.inverse.T)[:2, :2].trace()
-        still = (self.inverse @ self.inverse.T)[:2, :2].trace()
-        squared_error = (separate * still + common * moved) / still
-        left = (separate * self.spare + common * hidden) / self.spare
-        return max(float(squared_error / left), 1.0) if left > 0 else 1.0
+        moved = self.weights.T @ self.along @ self.inverse
+        # variances of both kinds that leave such parts over
+        separate, common = (1 - share) * self.hidden, share * self.spare
+        still = float(self.inverse[0, 0] + self.inverse[1, 1])
+        squared_error = separate + common * float(moved[0, 0] + moved[1, 1]) / still
+        # together they leave over what residuals tell
+        return max(squared_error / self.hidden, 1.0) if self.hidden > 0 else 1.0
+
+
+def _beside(rows: Array) -> Array:
+    """Return what stands at the next sensor around the place; behind the last one is the first."""
+    return np.concatenate([rows[1:], rows[:1]])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from groundtrace.localizers.path_errors import SHARED, PathErrors, _Fit
+from groundtrace.localizers.path_errors import SHARED, PathErrors, _beside, _Fit
 from groundtrace.pipeline.stage import LocationEstimate, no_location
 
 SENSORS = np.array(
@@ -64,11 +64,12 @@ def told(kind: str, count: int = 60) -> tuple[PathErrors, float, float]:
         own = 1e-4 * rng.standard_normal(len(times))
         times = times + (own if kind == "own" else shared_errors(rng, truth, 1e-4))
         place = fitted(SENSORS, times, truth)
-        fit = _Fit.at(SENSORS, place, 1.0, None)
+        fit = _Fit.at(SENSORS, place, 1.0, free=True)
         assert fit is not None
-        left = times - fit.across @ (fit.across.T @ times)
+        ordered = times[fit.order]
+        left = ordered - fit.weights @ (fit.slopes.T @ ordered)
         variance = float(left @ left) / fit.spare / PACE_S**2
-        covariance = variance * (fit.inverse @ fit.inverse.T)[:2, :2]
+        covariance = variance * fit.inverse[:2, :2]
         given = replace(estimate_at(place), covariance=covariance)
         wide = errors.widened(given, times).covariance
         off = place - truth
@@ -92,16 +93,16 @@ def test_errors_in_common_move_places_by_more_than_residuals_tell_and_are_reckon
 
 
 def test_what_each_kind_leaves_over_is_what_is_expected_of_it() -> None:
-    fit = _Fit.at(SENSORS, np.array([1.0, -0.5]), 1.0, None)
+    fit = _Fit.at(SENSORS, np.array([1.0, -0.5]), 1.0, free=True)
     assert fit is not None
     rng = np.random.default_rng(1)
-    taken = np.eye(11) - fit.across @ fit.across.T
+    taken = np.eye(11) - fit.weights @ fit.slopes.T
     own = taken @ rng.standard_normal((11, 20_000))
-    ratio = np.sum(own * (fit.beside @ own)) / np.sum(own**2)
+    ratio = np.sum(own * _beside(own)) / np.sum(own**2)
     assert fit.alone == pytest.approx(ratio, abs=0.02)
     root = np.linalg.cholesky(fit.correlation + 1e-9 * np.eye(11))
     shared = taken @ root @ rng.standard_normal((11, 20_000))
-    ratio = np.sum(shared * (fit.beside @ shared)) / np.sum(shared**2)
+    ratio = np.sum(shared * _beside(shared)) / np.sum(shared**2)
     assert fit.common == pytest.approx(ratio, abs=0.02)
     assert fit.factor(0.0) == pytest.approx(1.0)
     assert fit.factor(0.5) > 2
