@@ -595,9 +595,10 @@ def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list
     reference = reference_distance(impacts.positions)
     late, _ = _scatter(impacts.times_s)
     farther, _ = _scatter(_lattice_distances(impacts, outline, exponent))
+    about = scattered_pace(impacts, outline, exponent)
     floors = []
     for factor in FACTORS:
-        pace = factor * scattered_pace(impacts, outline, exponent)
+        pace = factor * about
         ahead = late - pace * farther
         floors.append(ArrivalModel(reference, pace, exponent, ahead - ahead.mean()))
     return floors
