@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from planted import Take
-from room_laws import Errors, score
+from room_laws import Errors, print_table, score
 from scipy.io import loadmat
 
 from groundtrace.pipeline.config import load_pipeline, with_settings
@@ -126,11 +126,7 @@ def main() -> None:
                     tables.setdefault(stage, Errors())
                     tables[stage] += errors
                 said.update({note.source for note in notes if note.level == "WARN"})
-            print(f"\n{way}, {len(takes)} orders of {len(drops)} drops")
-            print("| stage | median / 95 % [m] | in 68 / 90 % | NEES | found |")
-            print("| --- | --- | --- | --- | --- |")
-            for stage, errors in tables.items():
-                print(f"| {stage} | {errors.cells()} |")
+            print_table(f"{way}, {len(takes)} orders of {len(drops)} drops", tables)
             print("warned by " + ", ".join(f"{s} in {n}" for s, n in sorted(said.items())))
 
 

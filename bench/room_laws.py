@@ -70,6 +70,11 @@ class Errors:
         self.truths += other.truths
         return self
 
+    def add(self, off: np.ndarray, covariance: np.ndarray) -> None:
+        """Take in how far a place is off, shape (2,) [m], and what was claimed, (2, 2) [m2]."""
+        self.off.append(float(np.hypot(*off)))
+        self.square.append(float(off @ np.linalg.pinv(covariance) @ off))
+
     def cells(self) -> str:
         """Median, 95 %, coverage of 68 and 90 %, NEES, part found."""
         off, square = np.array(self.off), np.array(self.square)
@@ -93,9 +98,7 @@ def matched(fixes: list[Fix | TrackPoint], truth: np.ndarray, times: np.ndarray)
         taken.add(nearest)
         off = np.array([fix.x_m, fix.y_m]) - truth[nearest]
         xx, xy, yy = fix.covariance
-        inverse = np.linalg.pinv(np.array([[xx, xy], [xy, yy]]))
-        errors.off.append(float(np.hypot(*off)))
-        errors.square.append(float(off @ inverse @ off))
+        errors.add(off, np.array([[xx, xy], [xy, yy]]))
     return errors
 
 
@@ -117,6 +120,15 @@ def score(
     middle = np.hypot(*(places - (low + high) / 2).T).tolist()
     by_stage[MIDDLE] = Errors(middle, [np.inf] * len(middle), len(middle))
     return by_stage, sink.notes
+
+
+def print_table(title: str, tables: dict[str, Errors]) -> None:
+    """Print a row for each stage."""
+    print(f"\n{title}")
+    print("| stage | median / 95 % [m] | in 68 / 90 % | NEES | found |")
+    print("| --- | --- | --- | --- | --- |")
+    for name, errors in tables.items():
+        print(f"| {name} | {errors.cells()} |", flush=True)
 
 
 def options_of(seed: int, sensors: int, *, walks: bool) -> RoomOptions:
@@ -153,11 +165,7 @@ def main() -> None:
                         total = by_law.setdefault(group, {}).setdefault(name, Errors())
                         total += errors
         for law, tables in sorted(by_law.items()):
-            print(f"\n{sensors} sensors{f', {law}' if law else ''}")
-            print("| stage | median / 95 % [m] | in 68 / 90 % | NEES | found |")
-            print("| --- | --- | --- | --- | --- |")
-            for name, errors in tables.items():
-                print(f"| {name} | {errors.cells()} |")
+            print_table(f"{sensors} sensors{f', {law}' if law else ''}", tables)
 
 
 if __name__ == "__main__":

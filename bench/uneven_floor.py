@@ -18,18 +18,17 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from room_laws import REGIONS
+from room_laws import MIDDLE, Errors, print_table
 
 from groundtrace.localizers.base import PlacedSensors
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating, SoTdoa
 from groundtrace_codecs.geometry import Medium
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Tables = dict[str, Errors]
 
 STEP_M, LEARNT, IMPACTS, POINTS, NOISE_S = 0.25, 8, 30, 40, 2e-4
 METHODS: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -62,10 +61,8 @@ def travel_s(slow: Array, velocity_mps: float, place: Array, sensors: Array) -> 
     return length_m / velocity_mps * mean
 
 
-def errors(
-    seed: int, sensors: int, part: float, over_m: float, *, alone: bool
-) -> Iterator[tuple[str, float, float]]:
-    """Yield the method, the error [m] and its square in deviations of every place in a room."""
+def errors(seed: int, sensors: int, part: float, over_m: float, *, alone: bool) -> Tables:
+    """Return the errors of each method in a room."""
     rng = np.random.default_rng(seed)
     size, velocity = rng.uniform(4, 10, 2), float(rng.uniform(200, 1200))
     places = rng.uniform(0, 1, (sensors, 2)) * size
@@ -79,18 +76,16 @@ def errors(
     truth = rng.uniform(0.1, 0.9, (IMPACTS, 2)) * size
     times = np.array([travel_s(slow, velocity, p, places) for p in truth])
     times += rng.normal(0, NOISE_S, times.shape)
+    tables: Tables = {name: Errors(truths=IMPACTS - LEARNT) for name in METHODS}
     for name, (kind, given) in METHODS.items():
         method = kind(kind.Parameters(**given))
-        method.prepare(PlacedSensors(places, corners, Medium(velocity_mps=velocity)))
-        method._path_errors = None if alone else method.path_errors()
+        method.begin(PlacedSensors(places, corners, Medium(velocity_mps=velocity)))
         for number, (place, row) in enumerate(zip(truth, times, strict=True)):
-            found = method.locate_step(number, row)
+            found = method.locate(row) if alone else method.locate_step(number, row)
             if number >= LEARNT and found.located:
-                off = np.array([found.x, found.y]) - place
-                square = off @ np.linalg.pinv(found.covariance) @ off
-                yield name, float(np.hypot(*off)), float(square)
-    for place in truth[LEARNT:]:
-        yield "middle of the room", float(np.hypot(*(place - size / 2))), np.inf
+                tables[name].add(np.array([found.x, found.y]) - place, found.covariance)
+    middle = np.hypot(*(truth[LEARNT:] - size / 2).T).tolist()
+    return tables | {MIDDLE: Errors(middle, [np.inf] * len(middle), len(middle))}
 
 
 def main() -> None:
@@ -105,21 +100,15 @@ def main() -> None:
     options = parser.parse_args()
     for over_m in options.over:
         for part in options.parts:
-            print(f"\nslowness differs by {part:g} over {over_m:g} m")
-            print("| sensors | stage | median / 95 % [m] | in 68 / 90 % | NEES |")
-            print("| --- | --- | --- | --- | --- |")
             for sensors in options.sensors:
-                rows: dict[str, list[tuple[float, float]]] = {}
+                tables: Tables = {}
                 for seed in range(options.first, options.last + 1):
-                    found = errors(seed, sensors, part, over_m, alone=options.alone)
-                    for name, off_m, square in found:
-                        rows.setdefault(name, []).append((off_m, square))
-                for name, of_name in rows.items():
-                    off, squares = np.array(of_name).T
-                    inside = " / ".join(f"{np.mean(squares <= region):.0%}" for region in REGIONS)
-                    sizes = f"{np.median(off):.2f} / {np.quantile(off, 0.95):.2f}"
-                    nees = np.mean(np.minimum(squares, 1e4))
-                    print(f"| {sensors} | {name} | {sizes} | {inside} | {nees:.1f} |", flush=True)
+                    for name, of_room in errors(
+                        seed, sensors, part, over_m, alone=options.alone
+                    ).items():
+                        total = tables.setdefault(name, Errors())
+                        total += of_room
+                print_table(f"{sensors} sensors, uneven by {part:g} over {over_m:g} m", tables)
 
 
 if __name__ == "__main__":

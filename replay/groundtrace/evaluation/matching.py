@@ -14,6 +14,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign
+from ..dsp.robust import medians
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -392,7 +393,7 @@ def step_reach_s(
         return np.full(len(at_s), REACH_S)
     intervals_s = np.pad(np.diff(steps_s), GAPS, constant_values=np.nan)
     around = np.lib.stride_tricks.sliding_window_view(intervals_s, 2 * GAPS)
-    step_s = np.nanmedian(around, axis=1)[nearest(steps_s, at_s)]
+    step_s = medians(around)[nearest(steps_s, at_s)]
     return np.minimum(REACH_STEPS * step_s, REACH_S)
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from groundtrace_codecs.events import Pick, StageSpec, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..dsp.robust import HUBER
+from ..dsp.robust import HUBER, medians
 from ..errors import PipelineError, RecordingError
 from ..explain.sensors import swap_notes
 from ..localizers import tdoa
@@ -421,7 +421,7 @@ def _law_fit(columns: Array, times_s: Array) -> tuple[Array, float]:
 def _log_likelihood(expected_s: Array, times_s: Array, sigma: float) -> Array:
     """Return the log likelihood of each impact by Huber's law about its best moment, shape (m,)."""
     left = times_s - expected_s
-    left = left - np.nanmedian(left, axis=1, keepdims=True)
+    left = left - medians(left)[:, None]
     size = np.abs(left) / sigma
     loss = np.where(size <= HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
     likely: Array = -np.where(np.isfinite(left), loss + np.log(sigma), 0.0).sum(axis=1)

@@ -307,7 +307,9 @@ class ArrivalLocalizer(Stage):
     def begin(self, site: PlacedSensors) -> str:
         """Begin at a site; return what it lacks, or an empty text."""
         self._positions = site.positions
-        return self.prepare(site)
+        missing = self.prepare(site)
+        self._path_errors = None if missing else self.path_errors()
+        return missing
 
     @abstractmethod
     def prepare(self, site: PlacedSensors) -> str:
@@ -342,7 +344,7 @@ class ArrivalLocalizer(Stage):
             )
         if missing:
             raise CannotStart(f"no places: expected a geometry with {missing}, found none")
-        self._check, self._path_errors = self.model_check(), self.path_errors()
+        self._check = self.model_check()
         self._offsets_s = geometry.clock_offsets(self._channels)
         self._context = context
         return ("all",)

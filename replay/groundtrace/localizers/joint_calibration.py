@@ -84,6 +84,8 @@ class RunningFloor:
         Impacts needed for a first estimate where nothing is known.
     memory
         Impacts looked back on.
+    apart
+        How far impacts all over the room scatter, in paces (:func:`scatter_of_room`).
     """
 
     positions: Array
@@ -92,6 +94,7 @@ class RunningFloor:
     first: ArrivalModel | None
     least: int
     memory: int
+    apart: float
     calibration: JointCalibration | None = None
     rows: deque[Array] = field(default_factory=deque)
     places: deque[Array] = field(default_factory=deque)
@@ -135,7 +138,7 @@ class RunningFloor:
         free = FreeParameters(exponent=self.prior.exponent_deviation > 0)
         prior = self.prior
         if not np.isfinite(prior.pace_deviation):
-            pace = scattered_pace(impacts, self.outline, prior.exponent)
+            pace = scattered_pace(impacts.times_s, self.apart)
             prior = replace(prior, pace_s=pace, pace_deviation=SCATTER_DEVIATION)
         # the more impacts err alike, the less all tell against what is known beforehand
         times_too_sure = 1 + ALIKE * (len(self.rows) - 1)
@@ -165,7 +168,8 @@ def running_arrival_model(
         pace = medium.arrival_scale * reference**exponent
         first = ArrivalModel(reference, pace, exponent, np.zeros(len(positions)))
         prior = replace(prior, pace_s=pace, pace_deviation=KNOWN_DEVIATION)
-    return RunningFloor(positions, outline, prior, first, least, memory)
+    _, apart = scatter_of_room(positions, outline, exponent)
+    return RunningFloor(positions, outline, prior, first, least, memory, apart)
 
 
 def locate(
@@ -594,8 +598,8 @@ def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list
     """Return floors whose paces lie about that of the scatter, each with its offsets."""
     reference = reference_distance(impacts.positions)
     late, _ = _scatter(impacts.times_s)
-    farther, _ = _scatter(_lattice_distances(impacts, outline, exponent))
-    about = scattered_pace(impacts, outline, exponent)
+    farther, apart = scatter_of_room(impacts.positions, outline, exponent)
+    about = scattered_pace(impacts.times_s, apart)
     floors = []
     for factor in FACTORS:
         pace = factor * about
@@ -604,16 +608,17 @@ def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list
     return floors
 
 
-def scattered_pace(impacts: Impacts, outline: Array | None, exponent: float) -> float:
-    """Return the pace that scatters the arrivals as impacts all over the room would [s]."""
-    _, apart = _scatter(_lattice_distances(impacts, outline, exponent))
-    return max(_scatter(impacts.times_s)[1] / apart, LEAST_SIGMA_S)
+def scattered_pace(times_s: Array, apart: float) -> float:
+    """Return the pace that scatters arrivals, (m, n) [s], as :func:`scatter_of_room` says [s]."""
+    return max(_scatter(times_s)[1] / apart, LEAST_SIGMA_S)
 
 
-def _lattice_distances(impacts: Impacts, outline: Array | None, exponent: float) -> Array:
-    """Return the powers of distances in references of nodes, shape (q, n)."""
-    reference = reference_distance(impacts.positions)
-    return (lattice(impacts.positions, outline).u.T / reference) ** exponent
+def scatter_of_room(
+    positions: Array, outline: Array | None, exponent: float
+) -> tuple[Array, float]:
+    """Return how arrivals of impacts all over a room scatter, in paces, as :func:`_scatter`."""
+    reference = reference_distance(positions)
+    return _scatter((lattice(positions, outline).u.T / reference) ** exponent)
 
 
 def _scatter(rows: Array) -> tuple[Array, float]:

@@ -32,6 +32,7 @@ from ..dsp.filters import (
     forgotten_s,
     planar,
 )
+from ..dsp.robust import medians
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import (
@@ -192,12 +193,12 @@ class CyclePower:
         shape = (len(self._samples), len(numbers))
         power, steady, freedom = np.empty(shape), np.empty(shape), np.empty(shape)
         if numbers:
-            middles, weights, means, medians = self._blocks()
-            limited = np.minimum(means, _LIMIT * medians) * weights
+            middles, weights, means, typical = self._blocks()
+            limited = np.minimum(means, _LIMIT * typical) * weights
         for column, (number, span) in enumerate(zip(numbers, spans, strict=True)):
             inside = middles // self.cycle_ns == number
             power[:, column] = limited[:, inside].sum(axis=1) / weights[inside].sum()
-            steady[:, column] = medians[:, inside].mean(axis=1)
+            steady[:, column] = typical[:, inside].mean(axis=1)
             freedom[:, column] = degrees_of_freedom(self._samples[:, span])
         times = np.array(numbers, np.int64) * self.cycle_ns + self.cycle_ns // 2
         return CyclePowers(times, power, steady, freedom)
@@ -214,7 +215,7 @@ class CyclePower:
         padded = np.pad(means, around, constant_values=np.nan)
         windows = np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN, axis=1)
         middles = number[starts[full]] * BLOCK_NS + BLOCK_NS // 2
-        return middles, counts[full].astype(np.float64), means, np.nanmedian(windows, axis=2)
+        return middles, counts[full].astype(np.float64), means, medians(windows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -286,3 +286,5 @@ def test_what_was_located_by_near_sensors_is_located_again_as_it_was() -> None:
         times = first_arrivals(picks, channels, fix.time_ns, worker.parameters.window_s)
         again = worker.locate_step(fix.time_ns, times)
         assert (again.x, again.y) == (fix.x_m, fix.y_m)
+        xx, xy, yy = fix.covariance
+        assert again.covariance == pytest.approx(np.array([[xx, xy], [xy, yy]]), rel=1e-12)

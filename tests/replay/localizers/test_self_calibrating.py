@@ -10,7 +10,7 @@ import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, rms, uniform
 
 from groundtrace.localizers.base import PRIOR_COUNT, ArrivalPrior, PlacedSensors, RunningSigma
-from groundtrace.localizers.joint_calibration import Impacts, bounds_of, scattered_pace
+from groundtrace.localizers.joint_calibration import scatter_of_room, scattered_pace
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating
 from groundtrace.localizers.wave_physics import PLATE
 from groundtrace.pipeline.plugins import load
@@ -97,8 +97,7 @@ def test_the_pace_that_scatters_arrivals_as_impacts_all_over_the_room_would() ->
     rng = np.random.default_rng(1)
     places = rng.uniform(0, 1, (400, 2)) * WALLS.max(axis=0)
     apart = np.hypot(*(places[:, None] - CORNERS).transpose(2, 0, 1))
-    impacts = Impacts(CORNERS, apart / 800.0, bounds_of(CORNERS, WALLS))
-    pace = scattered_pace(impacts, WALLS, 1.0)
+    pace = scattered_pace(apart / 800.0, scatter_of_room(CORNERS, WALLS, 1.0)[1])
     assert pace == pytest.approx(np.sqrt(13.0) / 800.0, rel=0.1)
 
 
