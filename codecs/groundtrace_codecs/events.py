@@ -185,6 +185,7 @@ TRUTH_KINDS = frozenset(
 MOMENT_KINDS = frozenset({"missed", "false", "step", "pick", "note"})
 SPAN_KINDS = frozenset({"walking", "ignore", "disturbed", "pass", "span"})
 ANNOTATION_KINDS = MOMENT_KINDS | SPAN_KINDS
+LABEL_KINDS = TRUTH_KINDS | ANNOTATION_KINDS
 
 #: Author of labels that were computed from what was simulated, not read off a recording.
 SIMULATOR = "simulator"

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import SchemaError, did_you_mean
-from .events import ANNOTATION_KINDS, TRUTH_KINDS, Label, as_truth
+from .events import LABEL_KINDS, Label, as_truth
 from .signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -59,8 +59,6 @@ _NEEDS = {
     "heading": ("value",),
 }
 
-_KINDS = TRUTH_KINDS | ANNOTATION_KINDS
-
 #: Truth begins this long before the first sample at most, where the clock begins there too [ns].
 EARLY_NS = NS_PER_S
 #: Latest moment a label may have [ns]: the end of int64.
@@ -92,8 +90,7 @@ def read_truth_csv(
     """Read a truth CSV.
 
     Columns: ``time_s`` (from the recording's first sample) or ``time_ns`` (on the recording's
-    clock), ``kind`` (one of :data:`~.events.TRUTH_KINDS` or
-    :data:`~.events.ANNOTATION_KINDS`), and optionally
+    clock), ``kind`` (one of :data:`~.events.LABEL_KINDS`), and optionally
     ``end_s`` or ``end_ns``, ``x_m``, ``y_m``, ``value``, ``channel``, ``label``, ``author``,
     ``note``, ``target``; of a recording of several files also ``file``: ``time_s`` and ``end_s`` of
     such a line count from the first sample of that file. Lines that start with ``#`` and empty
@@ -297,8 +294,8 @@ class _Row:
 
     def label(self, start_ns: int) -> Label:
         kind = self.cells.get("kind", "")
-        if kind not in _KINDS:
-            raise self.wrong("kind", f"one of {', '.join(sorted(_KINDS))}", _KINDS)
+        if kind not in LABEL_KINDS:
+            raise self.wrong("kind", f"one of {', '.join(sorted(LABEL_KINDS))}", LABEL_KINDS)
         time_ns = self.time("time", start_ns)
         end_ns = self.time("end", start_ns)
         if time_ns is None:

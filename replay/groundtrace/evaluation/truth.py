@@ -12,7 +12,8 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.events import StageSpec, has_vehicles
+from groundtrace_codecs.errors import did_you_mean
+from groundtrace_codecs.events import LABEL_KINDS, StageSpec, has_vehicles
 
 from .steps import ALONG, FEET, truth_words
 
@@ -54,12 +55,23 @@ def scored_truth(labels: Sequence[Label], result: Results) -> ScoredTruth:
     ]
     specs = [event for event in result.events if isinstance(event, StageSpec)]
     truth = own_truth(scored_labels, specs, result.provenance.placements)
+    truth = replace(truth, remarks=(*truth.remarks, *_without_meaning(labels)))
     given = len(labels) - len(scored_labels)
     if not given:
         return truth
     waypoints = sum(x.kind == "waypoint" for x in labels)
     remark = f"{given} of {waypoints} waypoints were given to the pipeline: not scored"
     return replace(truth, given=given, remarks=(remark, *truth.remarks))
+
+
+def _without_meaning(labels: Iterable[Label]) -> list[str]:
+    """Return what is to be said of labels whose kinds another program made up."""
+    counts = Counter(label.kind for label in labels if label.kind not in LABEL_KINDS)
+    return [
+        f"labels of kind {kind!r}: {count}, not scored: expected one of "
+        f"{', '.join(sorted(LABEL_KINDS))}{did_you_mean(kind, LABEL_KINDS)}"
+        for kind, count in counts.items()
+    ]
 
 
 def own_truth(

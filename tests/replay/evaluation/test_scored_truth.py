@@ -126,6 +126,15 @@ def test_waypoints_that_were_given_are_not_scored(updates: str, left: int) -> No
     assert (score.track is None) == (left == 0)
 
 
+def test_labels_of_a_kind_that_another_program_made_up_are_said_not_to_count() -> None:
+    labels = [Label(k * NS_PER_S, kind) for k, kind in enumerate(("step", "footstep", "footstep"))]
+    found = scored_truth(labels, result([spec("one", "step")], "none"))
+    assert len(found.labels) == 3
+    (said,) = found.remarks
+    assert said.startswith("labels of kind 'footstep': 2, not scored: expected one of count, ")
+    assert said.endswith("; did you mean step?")
+
+
 def feet() -> list[Label]:
     return [Label(k * NS_PER_S, "step", label=("left", "right")[k % 2]) for k in range(1, 41)] + [
         Label(0, "count", end_ns=END_NS, value=40.0)
