@@ -362,7 +362,7 @@ class _UnfilteredDetector(AdaptiveDetector):
 
 
 #: Step times that have a filter of their own; between them, the filtered signals are mixed. Chosen
-#: by judgement: eight are a factor of 1.2 apart, finer than the band is wide.
+#: by judgement: eight are a factor of 1.25 apart, finer than the band is wide.
 _NODES_S = np.geomspace(*PERIODS_S, 8)
 #: Standard deviations of the band's two Gaussians as parts of the step time: the first takes out
 #: the second peak of a step, the second what is slower than a step. Chosen by trial on oxford-step

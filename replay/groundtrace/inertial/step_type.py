@@ -24,7 +24,9 @@ all tests of its chain:
 - both chains: the lateral swing against the frontal and vertical ones, which leaves one chain where
   a step has a pattern in both (the document compares amplitudes for the lateral axis alone);
 - frontal chain: the vertical window, the area density, the order of the maxima (forward: the
-  frontal before the vertical one; backward: after it);
+  frontal before the vertical one; backward: after it), and the vertical range, which a careful step
+  back does not reach, but one down a stair does: its maxima lie in any order, so that it is not
+  asked (ours; the document has level ground alone);
 - lateral chain: the lobe, the slopes (left: the rise to the right is the steeper one, which ends
   the push to the left; right: the fall is), and whether the contact ends the push. The second
   contact of a side step, with which the feet are closed, is no step of its own.
@@ -197,12 +199,15 @@ class FrontalShape:
         Area of its triangle per length of its base, as a part of the vertical range.
     slopes
         Logarithm of the fall's mean slope over the rise's: positive where it falls faster.
+    vertical
+        Range of the vertical acceleration [m/s2].
     """
 
     window: float
     lead: float
     density: float
     slopes: float
+    vertical: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,20 +274,20 @@ def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
     top = CONTACT if top < 0 else top
     stays = patterns.stays_about(up, float(up[_ABOUT].mean()), top)
     before, middle, after = stays[:2], stays[2:4], stays[4:]
-    window = (middle[1] - middle[0]) / POINTS
+    window, vertical = (middle[1] - middle[0]) / POINTS, _range(up)
     peak = patterns.highest_top(ahead, PHASE, PHASE[top] - _NEAR, PHASE[top] + _NEAR)
     if peak < 0:
-        lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
-        return FrontalShape(window, lead, 0.0, 0.0)
+        lead = 0.0 if swing is None else float(np.angle(swing.ahead)) / (2 * np.pi)
+        return FrontalShape(window, lead, 0.0, 0.0, vertical)
     rising, falling = (before, middle) if peak <= top else (middle, after)
     equal = _FLAT * patterns.extent(ahead, 0, len(ahead) - 1)
     first = patterns.lowest(ahead, min(rising[0], peak), min(rising[1], peak), equal)
     last = patterns.lowest(ahead, max(falling[0], peak), max(falling[1], peak), equal)
     height = float(ahead[peak] - 0.5 * (ahead[first] + ahead[last]))
     # a triangle of base n and this height has an area of height n / 2
-    density = 0.5 * height / _range(up)
+    density = 0.5 * height / vertical
     slopes = _slopes(ahead, first, peak, last)
-    return FrontalShape(window, (top - peak) / POINTS, density, slopes)
+    return FrontalShape(window, (top - peak) / POINTS, density, slopes, vertical)
 
 
 def lateral(strip: Array) -> LateralShape:
@@ -661,6 +666,38 @@ class Applies:
 
 
 @dataclass(frozen=True, slots=True)
+class Order:
+    """The order of the maxima; not asked of a step ahead that is too vigorous for one back."""
+
+    parameter: str = "order"
+    name: str = "order"
+    unit: str = "steps"
+    at_least: bool = True
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],
+        threshold: float,  # noqa: ARG002
+        carry: GateState,  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Return the order; infinitely good where it says nothing."""
+        order = candidates.value[:, [c.name for c in columns].index("order")].astype(np.float64)
+        ahead = _which(FRONTAL - BACKWARD)[candidates.channel]
+        back = _which(BACKWARD)[candidates.channel] & alive
+        vigorous = ahead & alive & ~_with_step_of(candidates, back)
+        return np.where(vigorous | _which(LATERAL)[candidates.channel], np.inf, order)
+
+
+def _with_step_of(candidates: Candidates, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return of each candidate whether one of some candidates is of the same step."""
+    # a step's candidates have one time, and come in order
+    times = np.append(candidates.time_ns[some], -1)
+    return np.asarray(times[np.searchsorted(times[:-1], candidates.time_ns)] == candidates.time_ns)
+
+
+@dataclass(frozen=True, slots=True)
 class Duplicate:
     """Where a step has a pattern in both chains, the lateral one is its own."""
 
@@ -680,10 +717,7 @@ class Duplicate:
         """Return the lateral share of frontal candidates whose step passed the lateral tests."""
         share = candidates.value[:, [c.name for c in columns].index("share")]
         aside = _which(LATERAL)[candidates.channel]
-        times = candidates.time_ns[aside & alive]
-        # a step's candidates have one time, and come in order
-        index = np.searchsorted(times, candidates.time_ns)
-        twice = np.append(times, -1)[index] == candidates.time_ns
+        twice = _with_step_of(candidates, aside & alive)
         # just the threshold would pass
         return np.where(twice & ~aside, np.nextafter(share, np.float32(np.inf)), -np.inf)
 
@@ -711,6 +745,9 @@ class StepTypeParameters:
         float, gate("steps", "Least time that the vertical signal is above its mean.", ge=0)
     ] = 0.15
     density: Annotated[float, gate("1", "Least area density of the frontal pattern.", ge=0)] = 0.01
+    vertical: Annotated[
+        float, gate("m/s2", "Greatest range of the vertical acceleration of a step back.", gt=0)
+    ] = 6.0
     order: Annotated[float, gate("steps", "Least distance of the two maxima.", ge=0)] = 0.0
     lobe: Annotated[
         float, gate("1", "Least distance of the lateral maximum from the middle.", ge=0)
@@ -751,11 +788,13 @@ class StepTypes(Stage):
         Quantity("step_time", "s"),
         Quantity("mounting", "rad"),
         Quantity("support", "1"),
+        Quantity("vertical", "m/s2"),
     )
     gates = (
         Applies(Level("window", "steps", "window"), FRONTAL),
         Applies(Level("density", "1", "density"), FRONTAL),
-        Applies(Level("order", "steps", "order"), FRONTAL),
+        Applies(Level("vertical", "m/s2", "vertical", at_least=False), BACKWARD),
+        Order(),
         Applies(Level("share", "1", "share"), LATERAL),
         Applies(Level("lobe", "1", "lobe"), LATERAL),
         Applies(Level("slope", "1", "slope"), LATERAL),
@@ -870,6 +909,7 @@ class StepTypes(Stage):
             step.step_s,
             step.mounting_rad,
             support,
+            step.frontal.vertical,
         )
         candidates: list[tuple[float, ...]] = []
         for sign, index in ((1, 0), (-1, 1), (-1, 2), (1, 3)):

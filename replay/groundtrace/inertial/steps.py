@@ -332,7 +332,8 @@ class BodyHeadingOffset:
             kernels.strides.resolve(orientation, motion.acceleration[rows], axis, values)
             swing = step_swing(values, (time_ns - step.time_ns) / reach_ns)
             if swing is not None:
-                self._walking.add((sign * swing[0], sign * swing[1]))
+                signed = swing._replace(ahead=sign * swing.ahead, right=sign * swing.right)
+                self._walking.add(signed)
         self.turn_rad = -self._walking.angle_rad
 
     def heading(self, motion: LevelFrameMotion, start_ns: int, stop_ns: int) -> float:

@@ -117,14 +117,15 @@ def test_steps_to_the_side_say_nothing_of_the_mounting() -> None:
     assert axis.angle_rad == 0.0
 
 
-def swing_of(direction_deg: float, lead: float = 0.25, size: float = 0.5) -> Swing:
+def swing_of(
+    direction_deg: float, lead: float = 0.25, size: float = 0.5, up_mps2: float = 1.0
+) -> Swing:
     """Swing of one step whose acceleration in a direction leads the one upward, in steps."""
     phase = np.arange(-80, 51) / 32
     along = size * np.cos(2 * np.pi * (phase + lead))
     angle = np.radians(direction_deg)
-    swing = step_swing(
-        np.stack([np.cos(angle) * along, np.sin(angle) * along, np.cos(2 * np.pi * phase)]), phase
-    )
+    unit = [np.cos(angle) * along, np.sin(angle) * along, np.cos(2 * np.pi * phase)]
+    swing = step_swing(up_mps2 * np.stack(unit), phase)
     assert swing is not None
     return swing
 
@@ -142,6 +143,34 @@ def test_without_a_nominal_direction_four_steps_tell_axis_and_sign(direction_deg
     for _ in range(30):
         axis.add(swing_of(direction_deg, 0.2))
     assert apart_deg(axis, direction_deg) < 5.0
+
+
+#: Median swing of steps down a stair (HAPT, phone at the waist) and of jogged ones (sensor at the
+#: chest): how far its acceleration ahead leads, its size against the vertical one, and that [m/s2].
+DOWN, JOG = (0.57, 0.19, 3.6), (-0.13, 0.15, 11.2)
+
+
+@pytest.mark.parametrize("gait", [DOWN, JOG])
+@pytest.mark.parametrize("direction_deg", [-170.0, -60.0, 90.0, 120.0])
+def test_steps_down_a_stair_and_of_a_runner_tell_the_way(
+    gait: tuple[float, float, float], direction_deg: float
+) -> None:
+    axis = WalkingAxis(nominal=False)
+    for _ in range(60):
+        axis.add(swing_of(direction_deg, *gait))
+    assert apart_deg(axis, direction_deg) < 25.0
+    # who walks on walks the same way
+    for _ in range(10):
+        axis.add(swing_of(direction_deg, 0.3, 0.6, 2.1))
+        assert apart_deg(axis, direction_deg) < 25.0
+
+
+def test_the_swing_has_the_amplitude_of_the_vertical_acceleration() -> None:
+    for samples in (32, 7):
+        phase = np.arange(-3 * samples, 3 * samples) / samples
+        swing = step_swing(np.stack([0 * phase, 0 * phase, 3.0 * np.cos(2 * np.pi * phase)]), phase)
+        assert swing is not None
+        assert swing.up_mps2 == pytest.approx(3.0)
 
 
 def test_some_dozens_of_steps_back_do_not_turn_the_sign_and_a_whole_walk_back_does() -> None:

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from groundtrace.inertial.body_motion import Swing
 from groundtrace.inertial.step_type import (
     CONTACT,
     PHASE,
     FrontalShape,
     LateralShape,
+    Shape,
+    StepTypeParameters,
+    StepTypes,
     common_share,
     corrected_lead,
     frontal,
@@ -18,6 +22,7 @@ from groundtrace.inertial.step_type import (
     smoothing,
     strip_of,
 )
+from groundtrace.pipeline.gates import Candidates, decide
 
 
 def walking(lead: float, sharp: float = 0.3) -> np.ndarray:
@@ -58,7 +63,7 @@ def test_slopes_tell_forward_from_backward_as_the_order_does() -> None:
 def test_a_step_without_a_frontal_maximum_leads_as_its_swing_does() -> None:
     strip = walking(0.25)
     strip[0] = -PHASE
-    found = frontal(strip, (1j, 0))
+    found = frontal(strip, Swing(1j, 0j, 1.0))
     assert (found.lead, found.density) == (0.25, 0.0)
 
 
@@ -102,7 +107,7 @@ def test_the_low_pass_is_the_document_s() -> None:
 
 
 def pattern(lead: float, slopes: float = 0.0) -> FrontalShape:
-    return FrontalShape(0.4, lead, 0.3, slopes)
+    return FrontalShape(0.4, lead, 0.3, slopes, 4.0)
 
 
 FORWARD, BACKWARD = pattern(0.25), pattern(-0.2)
@@ -127,6 +132,30 @@ def test_a_step_ordered_otherwise_than_two_neighbours_is_put_right(
     expected: float,
 ) -> None:
     assert corrected_lead(before, own, after) == expected
+
+
+def types_of(lead: float, range_mps2: float, **parameters: float) -> tuple[list[bool], list[str]]:
+    """Verdicts on the four types of five equal steps, the middle one, and what rejects backward."""
+    worker = StepTypes(StepTypeParameters(**parameters))
+    shapes = [
+        Shape(k * 500_000_000, 0.5, FrontalShape(0.4, lead, 0.3, 0.0, range_mps2), aside(0.5), 0.0)
+        for k in range(5)
+    ]
+    rows = np.array(worker.rows(shapes[:2], shapes[2], shapes[3:]), np.float32)
+    block = Candidates(np.full(4, shapes[2].time_ns), np.arange(4, dtype=np.int32), rows)
+    found, _ = decide(block, StepTypes.columns, StepTypes.gates, worker.parameters)
+    failed = np.flatnonzero(found.margin[1] < 0)
+    return found.accepted.tolist(), [StepTypes.gates[k].name for k in failed]
+
+
+def test_a_step_that_swings_too_much_for_one_back_goes_ahead_whatever_its_order() -> None:
+    ahead, back = [True, False, False, False], [False, True, False, False]
+    assert types_of(0.2, 4.0)[0] == types_of(0.2, 9.0)[0] == ahead
+    assert types_of(-0.2, 4.0) == (back, [])
+    assert types_of(-0.2, 9.0) == (ahead, ["vertical"])
+    assert types_of(-0.2, 9.0, vertical=10.0) == (back, [])
+    # what has no pattern of either goes nowhere
+    assert types_of(-0.2, 9.0, window=0.5)[0] == [False] * 4
 
 
 def aside(share: float) -> LateralShape:
