@@ -242,6 +242,8 @@ _PRIOR = 0.25
 #: ground and stairs and of 15 who jog (docs/accuracy/step-types.md): 98 of 100 steps down a stair
 #: swing by up to 5.5, 98 of 100 jogged ones by more than 5.7; usual steps by 2.
 RUNS_MPS2, USUAL_MPS2 = 5.5, 2.0
+#: Standard deviation of a direction that may be any [rad]. Source: definition, a uniform one.
+ANYHOW_RAD = math.pi / math.sqrt(3)
 #: With a nominal direction, a step tells the axis where its swing lies so near to it [rad]. Chosen
 #: by judgement: phones lie 8 to 20 degrees off in eight traces of nine (docs/pedestrian.md), a
 #: wrong axis 90.
@@ -263,12 +265,15 @@ class WalkingAxis:
         Weighted sums of the products of the swing: ahead twice, ahead and right, right twice.
     drive
         Weighted sums of the swing that has the sign of the way, ahead and to the right.
+    steps
+        How many steps have told the axis.
     """
 
     nominal: bool = True
     keep: float = KEEP
     scatter: tuple[float, float, float] = (_PRIOR, 0.0, 0.0)
     drive: tuple[float, float] = (_PRIOR, 0.0)
+    steps: int = 0
 
     @property
     def angle_rad(self) -> float:
@@ -279,6 +284,25 @@ class WalkingAxis:
             return angle
         return angle - math.copysign(math.pi, angle)
 
+    @property
+    def sigma_rad(self) -> float:
+        """Return the standard deviation of that direction where the walk alone tells it [rad].
+
+        The axis is as sure as a principal one of so many steps can be, and its sign is wrong as
+        often as the sum of a step's evidence, all having one size and either sign, gets this large.
+        """
+        if not self.steps:
+            return ANYHOW_RAD
+        aa, ar, rr = self.scatter
+        mean, apart = 0.5 * (aa + rr), math.hypot(0.5 * (aa - rr), ar)
+        least, most = max(mean - apart, 0.0), mean + apart
+        count = (1 - self.keep**self.steps) / (1 - self.keep)
+        axis = min(least * most / max(count * (most - least) ** 2, 1e-300), ANYHOW_RAD**2 / 4)
+        angle = _principal(*self.scatter)
+        ahead = self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
+        wrong = 0.5 * math.erfc(abs(ahead) / math.sqrt(2 * (aa + rr)))
+        return math.sqrt(axis + wrong * math.pi**2)
+
     def add(self, swing: Swing) -> None:
         """Take a step's swing."""
         ahead, right, up_mps2 = swing
@@ -286,6 +310,7 @@ class WalkingAxis:
         a, r = ahead.imag / size, right.imag / size
         if self.nominal and abs(_principal(a * a, a * r, r * r)) > _REACH_RAD:
             return
+        self.steps += 1
         aa, ar, rr = self.scatter
         self.scatter = (self.keep * aa + a * a, self.keep * ar + a * r, self.keep * rr + r * r)
         if up_mps2 > USUAL_MPS2:  # it may be of a stair, or of a run

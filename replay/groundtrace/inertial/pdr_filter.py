@@ -69,8 +69,8 @@ class Track:
         self.smooth_s = smooth_s
         self.direction_rad = direction_rad
         self._begun = (filter_.copy(), time_ns)
-        self._turn_rad = 0.0
-        self._settled = False
+        self._turn_rad = self._axis_rad = 0.0
+        self._settled = self._placed = False
         # what may have to be gone again: strides, and after how many of them fixes came
         self._strides = Strides()
         self._fixes: list[tuple[int, Fix]] = []
@@ -86,7 +86,9 @@ class Track:
         """Return the point where the track begins."""
         return [self._point(self._knots.moment(-1), None, self.stage)]
 
-    def step(self, stride: Stride, turn_rad: float, *, settled: bool) -> list[TrackPoint]:
+    def step(
+        self, stride: Stride, turn_rad: float, axis_rad: float = 0.0, *, settled: bool
+    ) -> list[TrackPoint]:
         """Go a step, after what the compass says of it; return its point.
 
         Parameters
@@ -95,9 +97,13 @@ class Track:
             The step.
         turn_rad
             The way ahead against the sensor's axis, counter-clockwise [rad].
+        axis_rad
+            What that may be off by, as a standard deviation [rad]; in the covariance of points as
+            ``direction_rad`` is.
         settled
             Whether that will hardly change. Until then the steps before are gone again with it.
         """
+        self._axis_rad = axis_rad
         if self._settled:
             self._strides.count = 0
         self._strides.add(stride)
@@ -113,7 +119,7 @@ class Track:
     def fix(self, time_ns: int, position: Array, sigma_m: float) -> list[TrackPoint]:
         """Take in where the walker was at a time, shape (2,) [m]; return the point."""
         fix = Fix(time_ns, position, sigma_m)
-        self.direction_rad = 0.0
+        self._placed = True
         self._aim(fix)
         before = self._knots.moment(-1)
         nis = self._meet(fix)
@@ -215,8 +221,9 @@ class Track:
     ) -> TrackPoint:
         time_ns, x, y, (xx, xy, yy) = now
         # a turn about the beginning, as a direction that is off makes it
-        right = -self.direction_rad * (y - float(self.filter.origin[1]))
-        up = self.direction_rad * (x - float(self.filter.origin[0]))
+        off_rad = 0.0 if self._placed else math.hypot(self.direction_rad, self._axis_rad)
+        right = -off_rad * (y - float(self.filter.origin[1]))
+        up = off_rad * (x - float(self.filter.origin[0]))
         spread = (xx + right * right, xy + right * up, yy + up * up)
         vx = vy = math.nan
         if before is not None and time_ns > before.time_ns:

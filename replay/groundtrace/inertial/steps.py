@@ -305,6 +305,11 @@ class BodyHeadingOffset:
         return self.ahead != "walk" or self.steps >= SETTLED
 
     @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the way ahead as told by now [rad]; 0 of an axis that was given."""
+        return self._walking.sigma_rad if self.ahead == "walk" else 0.0
+
+    @property
     def news(self) -> str:
         """What a person should know when the walk has told the axis; empty at other steps."""
         if self.ahead != "walk" or self.steps != SETTLED:

@@ -207,3 +207,28 @@ def test_the_walk_s_reference_is_an_axis_that_is_level_at_the_start() -> None:
 
 def test_without_a_vertical_swing_there_is_none() -> None:
     assert step_swing(np.zeros((3, 131)), np.arange(-80, 51) / 32) is None
+
+
+def test_an_axis_that_the_walk_tells_says_how_sure_it_is() -> None:
+    rng = np.random.default_rng(5)
+    errors, claims = [], []
+    for direction_deg in np.linspace(-175.0, 175.0, 30):
+        axis = WalkingAxis(nominal=False, keep=0.99)
+        assert axis.sigma_rad == pytest.approx(np.pi / np.sqrt(3))
+        for count in range(1, 21):
+            turn, lead = rng.normal(0, 15.0), rng.normal(0.28, 0.05)
+            axis.add(swing_of(direction_deg + turn, lead, 0.6, 2.0))
+            if count in (1, 4, 20):
+                errors.append(np.radians(apart_deg(axis, direction_deg)))
+                claims.append(axis.sigma_rad)
+    errors_rad, claims_rad = (np.reshape(x, (-1, 3)) for x in (errors, claims))
+    assert (claims_rad[:, 0] > 1.0).all()  # one step may have either sign
+    assert (claims_rad[:, 2] < 0.15).all()
+    assert (errors_rad < 2 * claims_rad).mean(axis=0).min() >= 0.9
+
+
+def test_steps_that_contradict_each_other_leave_the_axis_unknown() -> None:
+    axis = WalkingAxis(nominal=False, keep=0.99)
+    for direction_deg in np.arange(40) * 222.5:  # all round
+        axis.add(swing_of(direction_deg))
+    assert axis.sigma_rad > 0.6

@@ -190,6 +190,20 @@ def test_a_direction_that_nothing_tells_is_in_the_spread_until_a_place_tells_it(
     assert known.covariance == pytest.approx(same.covariance)
 
 
+def test_so_is_an_axis_that_the_walk_has_not_told_yet_for_as_long_as_it_has_not() -> None:
+    made, plain = track(walker()), track(walker())
+    for second in range(1, 11):
+        stride = Stride(second * NS_PER_S, 1.0, 0.0, None, 0.0)
+        (point,) = made.step(stride, 0.0, 0.3 if second < 10 else 0.1, settled=False)
+        (other,) = plain.step(stride, 0.0, settled=False)
+        added = np.subtract(point.covariance, other.covariance)
+        sigma_rad = 0.3 if second < 10 else 0.1
+        assert added == pytest.approx([0.0, 0.0, (second * sigma_rad) ** 2])
+    (known,) = made.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
+    (same,) = plain.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
+    assert known.covariance == pytest.approx(same.covariance)
+
+
 def test_a_turn_that_lost_samples_hid_widens_the_way_after_it() -> None:
     hidden, plain = track(walker()), track(walker())
     for k in range(1, 21):
