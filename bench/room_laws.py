@@ -1,6 +1,7 @@
 """Places of steps and impacts in rooms of any wave law: tables over the mixture (rooms.md).
 
     python bench/room_laws.py [--first 201 --last 240] [--sensors 4 6 9 16] [--walks]
+        [--uneven 0.15]
 
 Each room is drawn: its law (slab, velocity that grows or falls with frequency, none, layered
 ground), speed, gains, resonances, walls, clipping, precursors and bursts (``simulate room --random
@@ -131,11 +132,18 @@ def print_table(title: str, tables: dict[str, Errors]) -> None:
         print(f"| {name} | {errors.cells()} |", flush=True)
 
 
-def options_of(seed: int, sensors: int, *, walks: bool) -> RoomOptions:
+def options_of(seed: int, sensors: int, *, walks: bool, uneven: float = 0.0) -> RoomOptions:
     """What room a seed stands for: impacts where it is even, or a walk."""
     impacts = not walks and seed % 2 == 0
     return RoomOptions(
-        seed=seed, channels=sensors, snr=SNR, random=True, wave_law="any", impacts=impacts, steps=20
+        seed=seed,
+        channels=sensors,
+        snr=SNR,
+        random=True,
+        wave_law="any",
+        impacts=impacts,
+        steps=20,
+        uneven=uneven or None,
     )
 
 
@@ -146,6 +154,7 @@ def main() -> None:
     parser.add_argument("--last", type=int, default=240)
     parser.add_argument("--sensors", type=int, nargs="+", default=[4, 6, 9, 16])
     parser.add_argument("--walks", action="store_true", help="walks alone, no impacts")
+    parser.add_argument("--uneven", type=float, default=0.0, help="of the floors' slowness")
     parser.add_argument("--by-law", action="store_true", help="a table for each law, too")
     parser.add_argument("--pipeline", default="room-footsteps")
     parser.add_argument("--set", nargs="*", default=[], metavar="STAGE.PARAMETER=VALUE")
@@ -157,7 +166,9 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "room.mcap"
             for seed in range(options.first, options.last + 1):
-                made = simulate_room(options_of(seed, sensors, walks=options.walks))
+                made = simulate_room(
+                    options_of(seed, sensors, walks=options.walks, uneven=options.uneven)
+                )
                 write(made, path, force=True)
                 law = made.metadata["simulation"]["wave_law"]
                 for name, errors in score(path, config)[0].items():

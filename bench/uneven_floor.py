@@ -22,43 +22,19 @@ from room_laws import MIDDLE, Errors, print_table
 
 from groundtrace.localizers.base import PlacedSensors
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating, SoTdoa
+from groundtrace.simulate.wave_laws import UnevenFloor
 from groundtrace_codecs.geometry import Medium
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
     Tables = dict[str, Errors]
 
-STEP_M, LEARNT, IMPACTS, POINTS, NOISE_S = 0.25, 8, 30, 40, 2e-4
+LEARNT, IMPACTS, NOISE_S = 8, 30, 2e-4
 METHODS: dict[str, tuple[Any, dict[str, Any]]] = {
     "so-tdoa": (SoTdoa, {}),
     "hyperbolic": (Hyperbolic, {}),
     "power-law": (PowerLaw, {"exponent": 1.0}),
     "self-calibrating": (SelfCalibrating, {"exponent": 1.0}),
 }
-
-
-def uneven(rng: np.random.Generator, size: Array, part: float, over_m: float) -> Array:
-    """Return the logarithm of the slowness on a lattice of a floor."""
-    count = np.ceil(size / STEP_M).astype(int) + 1
-    margin = round(4 * over_m / STEP_M)
-    white = rng.standard_normal(tuple(count + 2 * margin))
-    frequency = [np.fft.fftfreq(n) for n in white.shape]
-    reach = np.hypot.outer(*frequency) * over_m / STEP_M
-    smooth = np.fft.ifft2(np.fft.fft2(white) * np.exp(-2 * (np.pi * reach) ** 2)).real
-    inside = smooth[margin:-margin, margin:-margin]
-    return np.asarray(part * (inside - inside.mean()) / inside.std())
-
-
-def travel_s(slow: Array, velocity_mps: float, place: Array, sensors: Array) -> Array:
-    """Return how long waves take from a place along straight lines, shape (n,) [s]."""
-    along = ((np.arange(POINTS) + 0.5) / POINTS)[:, None, None]
-    points = place + (sensors - place) * along
-    row, column = np.clip((points / STEP_M).astype(int), 0, np.array(slow.shape) - 1).T
-    length_m = np.hypot(*(sensors - place).T)
-    mean: Array = np.exp(slow[row, column]).mean(axis=1)
-    return length_m / velocity_mps * mean
 
 
 def errors(seed: int, sensors: int, part: float, over_m: float, *, alone: bool) -> Tables:
@@ -72,9 +48,9 @@ def errors(seed: int, sensors: int, part: float, over_m: float, *, alone: bool) 
     corners = np.array([[0, 0], [size[0], 0], size, [0, size[1]]])
     if sensors == 4:
         places = corners
-    slow = uneven(rng, size, part, over_m)
+    floor = UnevenFloor.drawn(np.zeros(2), size, part, over_m, rng)
     truth = rng.uniform(0.1, 0.9, (IMPACTS, 2)) * size
-    times = np.array([travel_s(slow, velocity, p, places) for p in truth])
+    times = np.array([floor.lengths_m(p, places) for p in truth]) / velocity
     times += rng.normal(0, NOISE_S, times.shape)
     tables: Tables = {name: Errors(truths=IMPACTS - LEARNT) for name in METHODS}
     for name, (kind, given) in METHODS.items():

@@ -66,6 +66,7 @@ def room(
     triaxial: Annotated[bool, FLAG] = False,
     wave_law: LawName | Literal["any"] | None = None,
     speed_mps: float | None = None,
+    uneven: float | None = None,
     gain_spread: float | None = None,
     clip_at: float | None = None,
     precursor_ms: float | None = None,
@@ -130,6 +131,9 @@ def room(
         speed, gains, clipping, precursors and bursts; plate.
     speed_mps
         Phase velocity at 100 Hz, where waves are not those of a plate; drawn, 250 to 700 m/s.
+    uneven
+        By how much waves are slower here than there: standard deviation of the logarithm of
+        their slowness, which differs over 2 m, 0 to 0.5; 0.
     gain_spread
         Standard deviation of the logarithm of the sensors' gains, 0 to 1; 0.
     clip_at
@@ -168,6 +172,7 @@ def room(
         triaxial=triaxial,
         wave_law=wave_law,
         speed_mps=speed_mps,
+        uneven=uneven,
         gain_spread=gain_spread,
         clip_at=clip_at,
         precursor_s=None if precursor_ms is None else precursor_ms / 1e3,

@@ -18,6 +18,7 @@ so that the law of arrivals holds there too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,7 @@ from .room_plan import (
     site_of,
     stations_of,
 )
-from .wave_laws import Ground, ground_of
+from .wave_laws import UNEVEN_M, Ground, UnevenFloor, ground_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -132,12 +133,12 @@ def _field(options: RoomOptions, site: Geometry, floor: Floor, faults: Faults) -
     walls = Walls(corners, options.walls or 0.0)
     farthest = 1 if not walls.reflection else 3 if walls.rectangular else 2
     spread_s = float(np.ptp(faults.offset_s))
-    reach_m = farthest * extent_m(site)
+    reach_m = farthest * extent_m(site) * floor.paths.most
     synthesis = synthesis_of(floor.plate, options.rate_hz, reach_m, spread_s)
     mounting = None
     if options.resonances:
         mounting = Mounting.drawn(len(stations), options.seed).response(synthesis.frequency_hz)
-    return Wavefield(synthesis, channels, walls, mounting)
+    return Wavefield(synthesis, channels, walls, floor.paths, mounting)
 
 
 def _gains(options: RoomOptions, station: NDArray[np.intp]) -> Array:
@@ -302,11 +303,14 @@ class Floor:
         Worn on it.
     laws
         Of the arrivals of each shoe.
+    paths
+        How far waves run from place to place.
     """
 
     plate: Plate | Ground
     shoes: tuple[Shoe, ...]
     laws: tuple[ArrivalLaw, ...]
+    paths: UnevenFloor
 
     @classmethod
     def of(cls, options: RoomOptions, site: Geometry) -> Floor:
@@ -316,8 +320,9 @@ class Floor:
         law = options.wave_law
         if law is not None and law != "plate" and law != "any":
             floor = ground_of(law, options.seed, options.speed_mps)
-        reach_m = extent_m(site)
-        return cls(floor, shoes, tuple(ArrivalLaw.of(floor, x, reach_m) for x in shoes))
+        paths = _paths(options, site)
+        reach_m = extent_m(site) * paths.most
+        return cls(floor, shoes, tuple(ArrivalLaw.of(floor, x, reach_m) for x in shoes), paths)
 
     @property
     def medium(self) -> Medium:
@@ -329,6 +334,12 @@ class Floor:
     def law_of(self, shoe: Shoe) -> ArrivalLaw:
         """Return the law of one of the shoes."""
         return self.laws[self.shoes.index(shoe)]
+
+
+def _paths(options: RoomOptions, site: Geometry) -> UnevenFloor:
+    low, high = _corners(site)
+    rng = np.random.default_rng([options.seed, 14])
+    return UnevenFloor.drawn(low, high, options.uneven or 0.0, UNEVEN_M, rng)
 
 
 def plate_of(options: RoomOptions) -> Plate:
@@ -347,9 +358,14 @@ def plate_of(options: RoomOptions) -> Plate:
 
 def extent_m(site: Geometry) -> float:
     """Return the diagonal of the rectangle around outline and sensors [m]."""
-    places = [*site.outline, *((s.x, s.y) for s in site.sensors)]
-    x, y = zip(*places, strict=True)
-    return float(((max(x) - min(x)) ** 2 + (max(y) - min(y)) ** 2) ** 0.5)
+    low, high = _corners(site)
+    return math.sqrt(float(((high - low) ** 2).sum()))
+
+
+def _corners(site: Geometry) -> tuple[Array, Array]:
+    """Return the lower left and the upper right corner of that rectangle, shape (2,) each [m]."""
+    places = np.array([*site.outline, *((s.x, s.y) for s in site.sensors)], np.float64)
+    return places.min(axis=0), places.max(axis=0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,6 +405,8 @@ class Wavefield:
         Who feels them.
     walls
         What sends them back.
+    paths
+        How far they run.
     mounting
         Velocity of each station's sensor over the floor's, shape (n_stations, n_frequencies), or
         None where all are fixed firmly.
@@ -397,6 +415,7 @@ class Wavefield:
     synthesis: Synthesis
     channels: Channels
     walls: Walls
+    paths: UnevenFloor
     mounting: Spectra | None = None
 
     def lead(self, strike: Strike) -> int:
@@ -425,13 +444,13 @@ class Wavefield:
         columns = {axis: [i for i, a in enumerate(channels.axes) if a == axis] for axis in "xyz"}
         for position, gains in zip(images.places, images.gains, strict=True):
             away = channels.stations - position
-            distance = np.hypot(*away.T)
+            distance = self.paths.lengths_m(position, channels.stations)
             vertical = self._mounted(self.synthesis.plate.response(distance, frequency), gains)
             total[columns["z"]] += vertical[channels.station[columns["z"]]]
             if columns["x"] or columns["y"]:
                 radial = self.synthesis.plate.radial(distance, frequency, self._lever_m)
                 radial = self._mounted(radial, gains)
-                direction = away / np.maximum(distance, 1e-9)[:, None]
+                direction = away / np.maximum(np.hypot(*away.T), 1e-9)[:, None]
                 for part, axis in enumerate("xy"):
                     at = channels.station[columns[axis]]
                     total[columns[axis]] += direction[at, part, None] * radial[at]
@@ -554,7 +573,7 @@ def labels_of(
         if strike.disturbs:
             continue
         labels.append(_struck(strike))
-        distance = np.hypot(*(places - (strike.x_m, strike.y_m)).T)
+        distance = floor.paths.lengths_m(np.array([strike.x_m, strike.y_m]), places)
         late_s = floor.law_of(strike.footfall.shoe)(distance) + faults.offset_s
         for name, delay_ns, dead in zip(names, late_s * NS_PER_S, faults.dead, strict=True):
             if not dead:

@@ -100,6 +100,9 @@ class RoomOptions:
         precursors and bursts where these are open; None: ``plate``.
     speed_mps
         Phase velocity at 100 Hz of a law other than the plate's [m/s], 80 to 3000; None: drawn.
+    uneven
+        Standard deviation of the logarithm of the waves' slowness from place to place, 0 to 0.5,
+        see :class:`.wave_laws.UnevenFloor`; None: 0.
     gain_spread
         Standard deviation of the logarithm of the sensors' gains, 0 to 1; None: 0.
     clip_at
@@ -136,6 +139,7 @@ class RoomOptions:
     triaxial: bool = False
     wave_law: LawName | Literal["any"] | None = None
     speed_mps: float | None = None
+    uneven: float | None = None
     gain_spread: float | None = None
     clip_at: float | None = None
     precursor_s: float | None = None
@@ -171,6 +175,7 @@ class RoomOptions:
         spread_s = self.clock_spread_s
         yield "clock_spread_s", _within(spread_s, 0, 0.03), "0 to 0.03", spread_s
         yield "speed_mps", _within(self.speed_mps, 80, 3000), "80 to 3000", self.speed_mps
+        yield "uneven", _within(self.uneven, 0, 0.5), "0 to 0.5", self.uneven
         yield "gain_spread", _within(self.gain_spread, 0, 1), "0 to 1", self.gain_spread
         yield "clip_at", _within(self.clip_at, 0.02, 1e3), "0.02 or more", self.clip_at
         yield "precursor_s", _within(self.precursor_s, 0, 0.1), "0 to 0.1", self.precursor_s

@@ -132,3 +132,76 @@ def ground_of(law: LawName, seed: int, speed_mps: float | None = None) -> Ground
     speed = speed_mps or drawn_mps
     below = (ratio * speed, depth_m) if law == "layered" else (0.0, 0.0)
     return Ground(round(speed, 1), EXPONENTS[law], round(quality, 1), *below)
+
+
+#: Length over which slowness differs [m]. Chosen by judgement: a joist's bay or a patch of screed
+#: is as large.
+UNEVEN_M = 2.0
+#: Step of the lattice on which slowness is drawn [m], and points of a path that are looked up.
+#: Chosen by judgement: an eighth of that length; a path of 10 m has four a metre.
+_LATTICE_M, _POINTS = 0.25, 40
+#: A smooth field reaches over so many of its lengths. Source: its Gaussian there is below 1e-3.
+_REACH = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnevenFloor:
+    """A floor that is faster here than there: waves run straight, some ways as if they were longer.
+
+    Attributes
+    ----------
+    low, high
+        Corners of the rectangle that it is told of, shape (2,) each [m]; beyond, it is mirrored, as
+        walls mirror what runs there.
+    slowness
+        Over that of an even floor, on a lattice from ``low`` on, shape (n, m).
+    """
+
+    low: Array
+    high: Array
+    slowness: Array
+
+    @classmethod
+    def drawn(
+        cls, low: Array, high: Array, part: float, over_m: float, rng: np.random.Generator
+    ) -> UnevenFloor:
+        """Draw a smooth random field.
+
+        Parameters
+        ----------
+        low, high
+            Of the floor.
+        part
+            Standard deviation of the slowness's logarithm.
+        over_m
+            Length over which it differs [m].
+        rng
+            What to draw from.
+        """
+        count = np.ceil((high - low) / _LATTICE_M).astype(int) + 1
+        if not part:
+            return cls(low, high, np.ones((1, 1)))
+        margin = round(_REACH * over_m / _LATTICE_M)
+        white = rng.standard_normal(tuple(count + 2 * margin))
+        frequency = [np.fft.fftfreq(n) for n in white.shape]
+        reach = np.hypot.outer(*frequency) * over_m / _LATTICE_M
+        smooth = np.fft.ifft2(np.fft.fft2(white) * np.exp(-2 * (np.pi * reach) ** 2)).real
+        inside = smooth[margin:-margin, margin:-margin]
+        return cls(low, high, np.exp(part * (inside - inside.mean()) / inside.std()))
+
+    @property
+    def most(self) -> float:
+        """By what factor a path is longer at most."""
+        return float(self.slowness.max())
+
+    def lengths_m(self, source: Array, places: Array) -> Array:
+        """Return how long the ways from a source to places are for waves, shape (n,) [m]."""
+        length_m: Array = np.hypot(*(places - source).T)
+        if self.slowness.size == 1:
+            return length_m
+        along = ((np.arange(_POINTS) + 0.5) / _POINTS)[:, None, None]
+        inside = (source + (places - source) * along - self.low) % (2 * (self.high - self.low))
+        inside = np.minimum(inside, 2 * (self.high - self.low) - inside)
+        row, column = (inside / _LATTICE_M).astype(int).T
+        mean: Array = self.slowness[row, column].mean(axis=1)
+        return length_m * mean
