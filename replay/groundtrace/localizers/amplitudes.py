@@ -31,6 +31,7 @@ from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
 from .base import columns, gates, place_candidate
+from .path_errors import PathErrors
 from .tdoa import lattice
 
 if TYPE_CHECKING:
@@ -204,9 +205,11 @@ class JointPlaces:
     weights: FloorWeights = field(default_factory=FloorWeights.prior)
     gains: Array = field(init=False)
     _sums: Array = field(init=False)
+    _errors: PathErrors = field(init=False)
 
     def __post_init__(self) -> None:
         self.gains = np.zeros(len(self.positions))
+        self._errors = PathErrors(self.positions, self.parameters.exponent)
         self._sums = np.zeros((2, len(self.positions)))
 
     def locate(self, times_s: Array, heights: Array, clipped: Flags) -> LocationEstimate:
@@ -244,7 +247,8 @@ class JointPlaces:
         best = np.unravel_index(int(weight.argmax()), weight.shape)
         self._learn_gains(share, heights, clipped, int(best[1]))
         residual = self._residual_s(mean, times_s, int(best[0]))
-        return LocationEstimate(float(mean[0]), float(mean[1]), covariance, residual, picks)
+        estimate = LocationEstimate(float(mean[0]), float(mean[1]), covariance, residual, picks)
+        return self._errors.widened(estimate, times_s)
 
     def _logs(
         self,

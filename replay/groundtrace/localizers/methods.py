@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..dsp.robust import HUBER
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Memory
 from . import arrival_order, joint_calibration, tdoa
 from .base import (
     EXPONENT,
@@ -54,11 +53,9 @@ class SoTdoa(ArrivalLocalizer):
     columns = columns("1")
     gates = gates("1", "max_residual")
 
-    @property
-    def memory(self) -> Memory:
-        """The arrivals of a step, where one place tells nothing of the next."""
-        window_s = self.parameters.window_s
-        return Memory(None if self.parameters.nearest else window_s, window_s)
+    def path_errors(self) -> PathErrors:
+        """Return what learns how far arrivals err alike."""
+        return PathErrors(self._positions)
 
     def prepare(self, site: PlacedSensors) -> str:
         """Find the regions."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_rooms import of_kind, samples_of
@@ -9,7 +11,7 @@ from simulated_rooms import of_kind, samples_of
 from groundtrace.errors import SimulationError
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions, any_law
-from groundtrace.simulate.wave_laws import EXPONENTS, Ground, ground_of
+from groundtrace.simulate.wave_laws import EXPONENTS, UNEVEN_M, Ground, UnevenFloor, ground_of
 
 
 def phase_mps(ground: Ground, frequency_hz: float) -> float:
@@ -63,6 +65,40 @@ def test_amplifiers_clip_at_their_full_scale_on_both_sides() -> None:
     assert (counts.min(), (counts == rail).sum() > 10) == (-rail - 1, True)
 
 
+def test_an_uneven_floor_s_slowness_differs_by_its_part_and_is_mirrored_beyond_its_walls() -> None:
+    low, high = np.array([-1.0, 2.0]), np.array([9.0, 8.0])
+    floor = UnevenFloor.drawn(low, high, 0.15, UNEVEN_M, np.random.default_rng(1))
+    assert np.log(floor.slowness).std() == pytest.approx(0.15)
+    beside = np.corrcoef(floor.slowness[:-1].ravel(), floor.slowness[1:].ravel())[0, 1]
+    assert beside > 0.95  # smooth over a lattice of a quarter of a metre
+    source, places = np.array([0.0, 3.0]), np.array([[8.0, 7.0], [0.0, 3.0], [4.0, 3.0]])
+    lengths_m = floor.lengths_m(source, places)
+    assert lengths_m[1] == 0
+    ratio = lengths_m[[0, 2]] / [np.hypot(8, 4), 4.0]
+    assert (ratio != 1).all()
+    assert (ratio < floor.most).all()
+    mirrored = places * [-1, 1] + [2 * low[0], 0]
+    np.testing.assert_allclose(
+        floor.lengths_m(source * [-1, 1] + [2 * low[0], 0], mirrored), lengths_m, rtol=1e-9
+    )
+    even = UnevenFloor.drawn(low, high, 0.0, UNEVEN_M, np.random.default_rng(1))
+    np.testing.assert_array_equal(even.lengths_m(source, places), np.hypot(*(places - source).T))
+
+
+def test_waves_and_their_arrivals_come_as_late_as_an_uneven_floor_makes_them() -> None:
+    given = RoomOptions(impacts=True, steps=1, wave_law="f0", snr=1e6, channels=4, seed=3)
+    arrived_s, risen_s = [], []
+    for part in (None, 0.3):
+        room = simulate_room(replace(given, uneven=part))
+        at_ns = {x.channel: x.time_ns for x in of_kind(room, "pick")}
+        arrived_s.append([at_ns[channel.name] / 1e9 for channel in room.sources[0][0].channels])
+        size = np.abs(samples_of(room))
+        risen_s.append(np.argmax(size > 0.2 * size.max(axis=0), axis=0) / given.rate_hz)
+    late_s = np.subtract(*arrived_s[::-1])
+    assert np.ptp(late_s) > 5e-4
+    np.testing.assert_allclose(np.subtract(*risen_s[::-1]), late_s, atol=3e-4)
+
+
 def test_precursors_and_bursts_are_signal_but_no_truth() -> None:
     quiet, loud = (
         simulate_room(RoomOptions(steps=4, wave_law="f-0.3", seed=8, duration_s=12.0, **more))
@@ -88,6 +124,7 @@ def test_any_law_is_drawn_from_the_seed_and_keeps_what_is_given() -> None:
         ({"gain_spread": 2.0}, "0 to 1"),
         ({"precursor_s": 0.2}, "0 to 0.1"),
         ({"bursts": -1.0}, "0 to 60"),
+        ({"uneven": 0.7}, "0 to 0.5"),
     ],
 )
 def test_options_out_of_range_are_one_clear_line(options: dict, expected: str) -> None:
