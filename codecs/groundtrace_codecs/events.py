@@ -575,11 +575,11 @@ class StepEvent:
     topic, stage
         Stream and stage it comes from.
     value
-        Peak of the stage's decision function.
+        Peak of the stage's decision function; the evidence of the type where there is one.
     channels
         How many channels saw it.
     type
-        ``forward``, ``backward``, ``left`` or ``right``; empty where unknown.
+        ``forward``, ``backward``, ``left``, ``right`` or ``unknown``; empty where nobody typed it.
     """
 
     time_ns: int
@@ -590,6 +590,13 @@ class StepEvent:
     value: float
     channels: int = 1
     type: str = ""
+
+    @property
+    def value_text(self) -> str:
+        """What the value is, and the value; empty where it is none, or evidence of no type."""
+        if not math.isfinite(self.value) or self.type == "unknown":
+            return ""
+        return f"{'evidence' if self.type else 'peak'} {readable(self.value, 3)}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -888,9 +888,10 @@ class StepView(View):
         context.answers_ns.append(step.time_ns)
         self._pending.append(step)
         what = " ".join(filter(None, (step.type or step.foot, step.kind)))
-        seen = f", {step.channels} channels" if step.channels > 1 else ""
+        seen = f"{step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
-        text = f"{where}  {what}, peak {readable(step.value, 3)}{seen} ({step.stage})"
+        text = ", ".join(filter(None, (f"{where}  {what}", step.value_text, seen)))
+        text += f" ({step.stage})"
         self._lines.add("steps", step.time_ns, text, "INFO")
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002

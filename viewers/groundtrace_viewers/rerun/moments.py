@@ -404,8 +404,7 @@ def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
 def _step_text(step: StepEvent) -> str:
     """Return what is known of a step: its foot and type, how high it rose, who saw it."""
     seen = f"{step.channels} channels" if step.channels > 1 else ""
-    value = f"peak {readable(step.value, 3)}" if np.isfinite(step.value) else ""
-    return ", ".join(filter(None, (step.foot, step.type, value, seen)))
+    return ", ".join(filter(None, (step.foot, step.type, step.value_text, seen)))
 
 
 def _moment(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> PageMoment:
