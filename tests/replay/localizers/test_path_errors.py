@@ -7,8 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from groundtrace.localizers.amplitudes import JointPlaces, TimesAmplitudesParameters
+from groundtrace.localizers.base import PlacedSensors
+from groundtrace.localizers.methods import SoTdoa, SoTdoaParameters
 from groundtrace.localizers.path_errors import SHARED, PathErrors, _beside, _Fit
 from groundtrace.pipeline.stage import LocationEstimate, no_location
+from groundtrace_codecs.geometry import Medium
 
 SENSORS = np.array(
     [
@@ -132,3 +136,35 @@ def test_no_place_and_sensors_in_a_line_are_left_alone() -> None:
     line = np.column_stack([np.arange(12.0), np.zeros(12)])
     given = estimate_at(np.array([3.3, 0.0]))
     assert PathErrors(line).widened(given, np.arange(12.0)) is given
+
+
+def test_places_by_signs_claim_what_an_uneven_floor_does() -> None:
+    rng = np.random.default_rng(6)
+    corners = np.array([[-5.0, -4], [5, -4], [5, 4], [-5, 4]])
+    signs = SoTdoa(SoTdoaParameters())
+    signs.begin(PlacedSensors(SENSORS, corners, Medium()))
+    wider = []
+    for number, place in enumerate(rng.uniform(-3.5, 3.5, (40, 2))):
+        times = PACE_S * np.hypot(*(SENSORS - place).T) + shared_errors(rng, place, 1e-3)
+        found, alone = signs.locate_step(number, times), signs.locate(times)
+        assert (found.x, found.y) == (alone.x, alone.y)
+        wider.append(np.linalg.det(found.covariance) / np.linalg.det(alone.covariance))
+    assert min(wider) >= 1.0
+    assert np.median(wider[20:]) > 3.0
+
+
+def test_places_by_times_and_heights_claim_it_too() -> None:
+    rng, corners = np.random.default_rng(6), np.array([[-5.0, -4], [5, -4], [5, 4], [-5, 4]])
+    inside = []
+    for size_s in (1e-3, 0.0):
+        joint = JointPlaces(SENSORS, corners, TimesAmplitudesParameters())
+        area = []
+        for place in rng.uniform(-3.5, 3.5, (40, 2)):
+            distance = np.hypot(*(SENSORS - place).T)
+            times = PACE_S * distance + shared_errors(rng, place, size_s) + rng.normal(0, 1e-4, 11)
+            heights = rng.normal(0, 0.2, 11) - np.log(distance)
+            found = joint.locate(times, heights, np.zeros(11, np.bool_))
+            off = np.array([found.x, found.y]) - place
+            area.append(float(off @ np.linalg.solve(found.covariance, off)) < 4.605)
+        inside.append(np.mean(area[10:]))
+    assert min(inside) >= 0.8
