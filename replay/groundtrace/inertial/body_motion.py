@@ -279,17 +279,22 @@ class WalkingAxis:
     def angle_rad(self) -> float:
         """Return the walking direction against the nominal one, positive to the right [rad]."""
         angle = _principal(*self.scatter)
-        ahead = self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
-        if self.nominal or ahead >= 0:
+        if self.nominal or self._ahead >= 0:
             return angle
         return angle - math.copysign(math.pi, angle)
+
+    @property
+    def _ahead(self) -> float:
+        """How far the drive goes along the axis; less than 0 against it."""
+        angle = _principal(*self.scatter)
+        return self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
 
     @property
     def sigma_rad(self) -> float:
         """Return the standard deviation of that direction where the walk alone tells it [rad].
 
-        The axis is as sure as a principal one of so many steps can be, and its sign is wrong as
-        often as the sum of a step's evidence, all having one size and either sign, gets this large.
+        The axis is as sure as a principal one of so many steps can be. Its sign is wrong as often
+        as so many votes of this size, each for either side, come out at least as clear.
         """
         if not self.steps:
             return ANYHOW_RAD
@@ -298,9 +303,7 @@ class WalkingAxis:
         least, most = max(mean - apart, 0.0), mean + apart
         count = (1 - self.keep**self.steps) / (1 - self.keep)
         axis = min(least * most / max(count * (most - least) ** 2, 1e-300), ANYHOW_RAD**2 / 4)
-        angle = _principal(*self.scatter)
-        ahead = self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
-        wrong = 0.5 * math.erfc(abs(ahead) / math.sqrt(2 * (aa + rr)))
+        wrong = 0.5 * math.erfc(abs(self._ahead) / math.sqrt(2 * (aa + rr)))
         return math.sqrt(axis + wrong * math.pi**2)
 
     def add(self, swing: Swing) -> None:
