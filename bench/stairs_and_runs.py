@@ -12,6 +12,7 @@ they are told by how the acceleration repeats itself, span by span, good for eve
 - Steps found in each activity, by what ships and by its rivals, against those; in stillness, which
   has none; of runs also sped up.
 - Types of the steps: all go ahead.
+- How many recordings are said to have axes that contradict each other: none has.
 - The way ahead against what the whole recording says (of a run: the walk of the same person), also
   of a recording that begins at the first stair down.
 
@@ -132,8 +133,10 @@ def repeated(length_mps2: np.ndarray, rate_hz: float, *, fast: bool) -> float:
 def counted(walks: list[Walk]) -> None:
     """Print a row for each activity: how many steps each pipeline finds, and how many there are."""
     found: dict[str, Counter[str]] = defaultdict(Counter)
+    odd = 0
     for walk in walks:
         recording = gt.open(walk.path)
+        odd += "axes" in recording.faults.kind
         length = np.linalg.norm(recording[walk.topic].read().values[:, :3], axis=1)
         times = {
             name: gt.replay(recording, pipeline, given).steps.time_s
@@ -154,6 +157,7 @@ def counted(walks: list[Walk]) -> None:
         print(
             f"  {name}: {row['spans']} spans, {row['minutes']:.0f} min, {true}; {steps}", flush=True
         )
+    print(f"  axes said to contradict each other: {odd} of {len(walks)} recordings", flush=True)
 
 
 class Types(NamedTuple):

@@ -515,13 +515,13 @@ class Judge:
     def better(self) -> Mask:
         """Which rivals fit better than what is stated, shape (48,).
 
-        Not those that leave less of the vector, and its spread with it.
-        A field that moves with the sensor (iron in it) stands stillest with no turning at all, and
-        judges no axes.
+        Not those that leave less of the vector, and its spread with it, nor those by which it stands
+        no stiller than with no turning at all: a field moves with iron in the sensor, and gravity
+        stands still in a runner's upright trunk, whose gyroscope errs by more than it turns.
         """
         mean, errors = mean_and_errors(self.gain)
-        fits: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)
-        return fits if self.quantity == "acceleration" else fits & (self.still > 0)
+        better: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)
+        return better & (self.still > 0)
 
     @property
     def worse(self) -> int:

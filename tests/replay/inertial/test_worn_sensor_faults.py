@@ -200,6 +200,17 @@ def test_a_sensor_at_rest_with_a_biased_gyroscope_is_not_contradicted() -> None:
     assert found(rest, GYRO, FORCE) == []
 
 
+def test_an_upright_runner_whose_gyroscope_errs_by_more_than_it_turns_is_not_contradicted() -> None:
+    rng, count = np.random.default_rng(2), round(100 * RATE_HZ)
+    t = np.arange(count) / RATE_HZ
+    bounce = 12.0 * np.sin(2 * np.pi * 2.6 * t)
+    force = rng.normal(0, 1.0, (count, 3)) + np.stack([0 * t, 0 * t, 9.81 + bounce], axis=1)
+    rate = rng.normal(0, 0.3, (count, 3))
+    # impacts rectified: it errs by another part of each stride, about the axis to the side
+    rate[:, 1] += np.repeat(rng.normal(0, 0.3, count // 100 + 1), 100)[:count]
+    assert found(np.hstack([rate, force]), GYRO, FORCE) == []
+
+
 @pytest.mark.parametrize("offset_radps", [0.05, 0.2])
 def test_an_offset_of_the_gyroscope_is_no_reason_to_change_axes(offset_radps: float) -> None:
     samples = turning_sensor()
