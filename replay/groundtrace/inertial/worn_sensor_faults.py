@@ -515,9 +515,10 @@ class Judge:
     def better(self) -> Mask:
         """Which rivals fit better than what is stated, shape (48,).
 
-        Not those that leave less of the vector, and its spread with it, nor those by which it stands
-        no stiller than with no turning at all: a field moves with iron in the sensor, and gravity
-        stands still in a runner's upright trunk, whose gyroscope errs by more than it turns.
+        Not those that leave less of the vector, and its spread with it, nor those by which it
+        stands no stiller than with no turning at all: a field moves with iron in the sensor, and
+        gravity stands still in a runner's upright trunk, whose gyroscope errs by more than it
+        turns.
         """
         mean, errors = mean_and_errors(self.gain)
         better: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)

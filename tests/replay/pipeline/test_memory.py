@@ -44,11 +44,10 @@ BEFORE = {
     "sta-lta": (),
     "rest-swing": (),
     "coincidence": ("toa-cv",),
-    "so-tdoa": ("toa-cv", "coincidence"),
     "bearings": ("toa-cv", "coincidence"),
     "crossing": ("toa-cv", "coincidence", "bearings"),
-    "disagreement": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
-    "covariance-intersection": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
+    "disagreement": ("toa-cv", "coincidence", "bearings", "crossing"),
+    "covariance-intersection": ("toa-cv", "coincidence", "bearings", "crossing"),
     "vehicle-presence": (),
 }
 #: Stages that depend on all before, and say how much after a time: by what must be before each.
@@ -60,6 +59,7 @@ ALL_BEFORE = {
     "hyperbolic": ("toa-cv", "coincidence"),
     "power-law": ("toa-cv", "coincidence"),
     "self-calibrating": ("toa-cv", "coincidence"),
+    "so-tdoa": ("toa-cv", "coincidence"),
     "times-amplitudes": ("toa-cv", "coincidence"),
     "zc": (),
     "compass": (),
@@ -226,7 +226,7 @@ def test_every_shipped_stage_that_says_its_memory_is_held_to_it() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", swept(BEFORE, "toa-cv", "rest-swing", "coincidence", "so-tdoa", "vehicle-presence")
+    "name", swept(BEFORE, "toa-cv", "rest-swing", "coincidence", "crossing", "vehicle-presence")
 )
 def test_a_replay_that_begins_by_the_memory_earlier_decides_as_the_whole(name: str) -> None:
     memory = memory_of(name)
