@@ -46,8 +46,8 @@ BEFORE = {
     "coincidence": ("toa-cv",),
     "bearings": ("toa-cv", "coincidence"),
     "crossing": ("toa-cv", "coincidence", "bearings"),
-    "disagreement": ("toa-cv", "coincidence", "bearings", "crossing"),
-    "covariance-intersection": ("toa-cv", "coincidence", "bearings", "crossing"),
+    "disagreement": ("toa-cv", "coincidence", "bearings", "crossing", "crossing"),
+    "covariance-intersection": ("toa-cv", "coincidence", "bearings", "crossing", "crossing"),
     "vehicle-presence": (),
 }
 #: Stages that depend on all before, and say how much after a time: by what must be before each.
@@ -185,7 +185,11 @@ def driven(seed: int) -> Made:
 
 def pipeline_of(name: str) -> PipelineConfig:
     before = (BEFORE | ALL_BEFORE)[name]
-    return PipelineConfig("p", stage=tuple(StageConfig(use) for use in (*before, name)))
+    uses = (*before, name)
+    # a second of its kind has a name of its own
+    names = [use if use not in uses[:k] else f"{use} {k}" for k, use in enumerate(uses)]
+    stages = (StageConfig(use, name=other) for use, other in zip(uses, names, strict=True))
+    return PipelineConfig("p", stage=tuple(stages))
 
 
 def memory_of(name: str) -> Memory:
