@@ -461,6 +461,11 @@ def judged(
 #: windows' lengths; on 7 trials of BROAD and 2 recordings of mobgap no rival at the stated scale
 #: comes near (0.12 at most), on the recordings that bench/corrupted_inputs.py reports none is told.
 RATIO, ERRORS, LEAST_WINDOWS = 0.2, 3.0, 5
+#: A rival turns gravity where the logarithm of its spread over that without turning is so large, as
+#: a root mean square over windows. Chosen by trial: of people who jog with a sensor at the chest
+#: what fits best has 0.14 to 0.48, of feet and walkers with axes exchanged 0.41 to 1.6
+#: (docs/accuracy/faults.md).
+MOVES = 0.4
 #: What fits worse than the best by less than this, or by fewer standard errors, fits as well.
 #: Chosen by trial on BROAD and mobgap (bench/corrupted_inputs.py), where more names other axes.
 EQUAL, EQUAL_ERRORS = 0.1, 2.0
@@ -488,8 +493,9 @@ class Judge:
         Logarithm of the stated spread over a rival's, shape (n_windows, 48).
     relative_gain
         The same of spreads over the length that is left, mean, shape (48,).
-    still
-        Logarithm of the spread without turning over a rival's, mean, shape (48,).
+    still, moved
+        Logarithm of the spread without turning over a rival's, mean and root mean square, shape
+        (48,).
     spreads
         Where they come from.
     """
@@ -498,6 +504,7 @@ class Judge:
     gain: Array
     relative_gain: Array
     still: Array
+    moved: Array
     spreads: Spreads
 
     @classmethod
@@ -506,22 +513,26 @@ class Judge:
         if len(spreads) < LEAST_WINDOWS:
             return None
         rivals = np.array(spreads.rivals)
-        still = (np.array(spreads.still)[:, None] - rivals).mean(axis=0)
+        still = np.array(spreads.still)[:, None] - rivals
+        moved = np.sqrt((still**2).mean(axis=0))
         left = rivals - np.array(spreads.lengths)
         relative_gain = (left[:, :1] - left).mean(axis=0)
-        return cls(quantity, rivals[:, :1] - rivals, relative_gain, still, spreads)
+        gain = rivals[:, :1] - rivals
+        return cls(quantity, gain, relative_gain, still.mean(axis=0), moved, spreads)
 
     @property
     def better(self) -> Mask:
         """Which rivals fit better than what is stated, shape (48,).
 
-        Not those that leave less of the vector, and its spread with it, nor those by which it
-        stands no stiller than with no turning at all: a field moves with iron in the sensor, and
-        gravity stands still in a runner's upright trunk, whose gyroscope errs by more than it
-        turns.
+        Not those that leave less of the vector, and its spread with it.
+        A field that moves with the sensor (iron in it) stands stillest with no turning at all, and
+        judges no axes. Gravity stands still by itself in a runner's upright trunk, whose gyroscope
+        errs by more than it turns: where what fits best leaves it where it is, nothing is told.
         """
         mean, errors = mean_and_errors(self.gain)
         better: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)
+        if self.quantity == "acceleration":
+            return better & bool(self.moved[mean.argmax()] > MOVES)
         return better & (self.still > 0)
 
     @property

@@ -204,8 +204,10 @@ def test_an_upright_runner_whose_gyroscope_errs_by_more_than_it_turns_is_not_con
     rng, count = np.random.default_rng(2), round(100 * RATE_HZ)
     t = np.arange(count) / RATE_HZ
     bounce = 12.0 * np.sin(2 * np.pi * 2.6 * t)
-    force = rng.normal(0, 1.0, (count, 3)) + np.stack([0 * t, 0 * t, 9.81 + bounce], axis=1)
-    rate = rng.normal(0, 0.3, (count, 3))
+    sway = np.repeat(rng.normal(0, 0.4, (count // 200 + 1, 3)), 200, axis=0)[:count]
+    force = rng.normal(sway, 1.0) + np.stack([0 * t, 0 * t, 9.81 + bounce], axis=1)
+    rate = rng.normal(0, 0.05, (count, 3))
+    rate[:, 2] += 1.2 * np.sin(2 * np.pi * 1.3 * t)
     # impacts rectified: it errs by another part of each stride, about the axis to the side
     rate[:, 1] += np.repeat(rng.normal(0, 0.3, count // 100 + 1), 100)[:count]
     assert found(np.hstack([rate, force]), GYRO, FORCE) == []
