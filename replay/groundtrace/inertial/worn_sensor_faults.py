@@ -461,11 +461,13 @@ def judged(
 #: windows' lengths; on 7 trials of BROAD and 2 recordings of mobgap no rival at the stated scale
 #: comes near (0.12 at most), on the recordings that bench/corrupted_inputs.py reports none is told.
 RATIO, ERRORS, LEAST_WINDOWS = 0.2, 3.0, 5
-#: A rival turns gravity where the logarithm of its spread over that without turning is so large, as
-#: a root mean square over windows. Chosen by trial: of people who jog with a sensor at the chest
-#: what fits best has 0.14 to 0.48, of feet and walkers with axes exchanged 0.41 to 1.6
+#: A sensor is a runner's where the length of acceleration deviates by more than the first [m/s2];
+#: there a rival turns gravity where the logarithm of its spread over that without turning is more
+#: than the second, as a root mean square over windows. Chosen by trial: people who jog with a sensor
+#: at the chest have 5.6 and more, those who walk up to 4.0; what fits best has 0.03 to 0.48 of
+#: those, and of feet with axes exchanged, which are shaken as much, 0.41 to 0.86
 #: (docs/accuracy/faults.md).
-MOVES = 0.4
+RUNS_MPS2, MOVES = 5.0, 0.4
 #: What fits worse than the best by less than this, or by fewer standard errors, fits as well.
 #: Chosen by trial on BROAD and mobgap (bench/corrupted_inputs.py), where more names other axes.
 EQUAL, EQUAL_ERRORS = 0.1, 2.0
@@ -532,7 +534,8 @@ class Judge:
         mean, errors = mean_and_errors(self.gain)
         better: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)
         if self.quantity == "acceleration":
-            return better & bool(self.moved[mean.argmax()] > MOVES)
+            shaken = float(np.median(self.spreads.shaking)) > RUNS_MPS2
+            return better & (not shaken or bool(self.moved[mean.argmax()] > MOVES))
         return better & (self.still > 0)
 
     @property
