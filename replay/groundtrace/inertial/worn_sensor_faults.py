@@ -463,9 +463,9 @@ def judged(
 RATIO, ERRORS, LEAST_WINDOWS = 0.2, 3.0, 5
 #: A sensor is a runner's where the length of acceleration deviates by more than the first [m/s2];
 #: there a rival turns gravity where the logarithm of its spread over that without turning is more
-#: than the second, as a root mean square over windows. Chosen by trial: people who jog with a sensor
-#: at the chest have 5.6 and more, those who walk up to 4.0; what fits best has 0.03 to 0.48 of
-#: those, and of feet with axes exchanged, which are shaken as much, 0.41 to 0.86
+#: than the second, as a root mean square over windows. Chosen by trial: people who jog with a
+#: sensor at the chest have 5.6 and more, those who walk up to 4.0; what fits best has 0.03 to 0.48
+#: of those, and of feet with axes exchanged, which are shaken as much, 0.41 to 0.86
 #: (docs/accuracy/faults.md).
 RUNS_MPS2, MOVES = 5.0, 0.4
 #: What fits worse than the best by less than this, or by fewer standard errors, fits as well.
