@@ -18,39 +18,14 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from stairs_and_runs import written
 
 import groundtrace as gt
-from groundtrace_codecs.importers.run import import_recording
 
-COLUMNS = (
-    ("a", "acceleration", "m/s2"),
-    ("g", "angular_velocity", "rad/s"),
-    ("m", "magnetic_field", "a.u."),
-)
 #: Rows of the files: time [0.1 ms], the nine columns, roll, pitch, yaw [deg].
-TIME, FIRST, ANGLES = 1, 2, slice(11, 14)
+TIME, WORN, ANGLES = 1, slice(2, 11), slice(11, 14)
 #: Fewer steps tell no mean, and steps up to the first number are first ones.
 LEAST, EARLY, MEAN_FROM = 25, 10, 15
-
-
-def imported(rows: np.ndarray, time_s: np.ndarray, folder: Path) -> Path:
-    """Import a recording as a user would."""
-    names = [letter + axis for letter, _, _ in COLUMNS for axis in "xyz"]
-    row = '  {{column = "{}{}", quantity = "{}", axis = "{}", unit = "{}"}},'
-    columns = [
-        row.format(letter, axis, quantity, axis, unit)
-        for letter, quantity, unit in COLUMNS
-        for axis in "xyz"
-    ]
-    head = 'format = "csv"\ntime = {column = "time_s", unit = "s"}\n[[stream]]\n'
-    head += 'topic = "/imu/trunk"\nplacement = "trunk"\ncolumns = ['
-    table, described, out = (folder / f"walk.{suffix}" for suffix in ("csv", "toml", "mcap"))
-    described.write_text("\n".join([head, *columns, "]\n"]), "utf-8")
-    values = np.column_stack([time_s, rows[:, FIRST : FIRST + len(names)]])
-    header = ",".join(["time_s", *names])
-    np.savetxt(table, values, delimiter=",", header=header, comments="", fmt="%.8g")
-    import_recording([table], out, map_path=described)
-    return out
 
 
 def main() -> None:
@@ -69,7 +44,9 @@ def main() -> None:
         if (np.diff(time_s) <= 0).any():
             time_s = np.arange(len(rows)) / 100
         with tempfile.TemporaryDirectory() as folder:
-            told = gt.replay(imported(rows, time_s, Path(folder)), "pedestrian").headings
+            values = np.column_stack([time_s, rows[:, WORN]])
+            walk = written(values, "trunk", Path(folder) / "walk.mcap")
+            told = gt.replay(walk, "pedestrian").headings
         if len(told.time_s) < LEAST:
             continue
         recordings += 1

@@ -43,7 +43,13 @@ ALL_STEPS = {
 }
 #: Sped up by so much.
 FASTER = (1.0, 1.12, 1.24)
-NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
+#: Quantities of a worn sensor: letter of their columns, name and unit.
+WORN = (
+    ("a", "acceleration", "m/s2"),
+    ("g", "angular_velocity", "rad/s"),
+    ("m", "magnetic_field", "a.u."),
+)
+G0_MPS2 = 9.80665
 
 
 class Span(NamedTuple):
@@ -64,18 +70,25 @@ class Walk(NamedTuple):
     spans: list[Span]
 
 
-def written(values: np.ndarray, rate_hz: float, placement: str, out: Path) -> Path:
-    """Import six columns, [g] and [rad/s], as a user would; return the recording."""
-    table, columns = out.with_suffix(".csv"), out.with_suffix(".toml")
-    np.savetxt(table, values, delimiter=",", header=",".join(NAMES), comments="", fmt="%.7g")
+def written(values: np.ndarray, placement: str, out: Path, rate_hz: float = 0.0) -> Path:
+    """Import three columns of each of :data:`WORN` as a user would; return the recording.
+
+    Without a rate the first column is the time [s].
+    """
+    worn = WORN[: values.shape[1] // 3]
+    names = [letter + axis for letter, _, _ in worn for axis in "xyz"]
+    row = '  {{column = "{}{}", quantity = "{}", axis = "{}", unit = "{}"}},'
     rows = [
-        f'  {{column = "{name}", quantity = "{quantity}", axis = "{name[1]}", unit = "{unit}"}},'
-        for name, (quantity, unit) in zip(
-            NAMES, [("acceleration", "g")] * 3 + [("angular_velocity", "rad/s")] * 3, strict=True
-        )
+        row.format(letter, axis, quantity, axis, unit)
+        for letter, quantity, unit in worn
+        for axis in "xyz"
     ]
-    head = f'format = "csv"\nrate_hz = {rate_hz:.3f}\n[[stream]]\ntopic = "/imu/{placement}"\n'
-    text = "\n".join([f'{head}placement = "{placement}"\ncolumns = [', *rows, "]\n"])
+    time = f"rate_hz = {rate_hz:.3f}" if rate_hz else 'time = {column = "time_s", unit = "s"}'
+    head = f'format = "csv"\n{time}\n[[stream]]\ntopic = "/imu/{placement}"'
+    text = "\n".join([head, f'placement = "{placement}"', "columns = [", *rows, "]\n"])
+    table, columns = out.with_suffix(".csv"), out.with_suffix(".toml")
+    header = ",".join(names if rate_hz else ["time_s", *names])
+    np.savetxt(table, values, delimiter=",", header=header, comments="", fmt="%.8g")
     columns.write_text(text, "utf-8")
     import_recording([table], out, map_path=columns)
     return out
@@ -89,9 +102,9 @@ def stairs(folder: Path, into: Path) -> list[Walk]:
         number, person = (int(x[-2:]) for x in path.stem.split("_")[1:])
         parts = [np.loadtxt(path), np.loadtxt(path.parent / path.name.replace("acc", "gyro"))]
         count = min(map(len, parts))
-        out = written(
-            np.hstack([x[:count] for x in parts]), 50.0, "waist", into / f"{path.stem}.mcap"
-        )
+        values = np.hstack([x[:count] for x in parts])
+        values[:, :3] *= G0_MPS2
+        out = written(values, "waist", into / f"{path.stem}.mcap", 50.0)
         spans = [
             Span(ACTIVITIES[kind], (first - 1) / 50, last / 50)
             for of, _, kind, first, last in labels.tolist()
@@ -109,8 +122,9 @@ def runs(folder: Path, into: Path, faster: float = 1.0) -> list[Walk]:
         if faster != 1 and activity != "jog":
             continue
         values = np.loadtxt(path, delimiter=",")[:, :6]
+        values[:, :3] *= G0_MPS2
         values[:, 3:] = np.degrees(values[:, 3:])  # they were taken for degrees once too often
-        out = written(values, 100.0 * faster, "trunk", into / f"{path.stem}-{faster}.mcap")
+        out = written(values, "trunk", into / f"{path.stem}-{faster}.mcap", 100.0 * faster)
         name = {"walking": "walk", "standing": "stand"}.get(activity, activity)
         span = Span(name, 0.0, len(values) / 100 / faster)
         walks.append(Walk(out, "/imu/trunk", 100.0 * faster, int(person), [span]))
@@ -183,7 +197,7 @@ def begun(walk: Walk, start_s: float) -> Path:
     """Return what a recorder that is switched on at a time would have recorded."""
     values = np.loadtxt(walk.path.with_suffix(".csv"), delimiter=",", skiprows=1)
     out, placement = walk.path.with_suffix(".begun.mcap"), walk.topic.rsplit("/", 1)[-1]
-    return written(values[round(start_s * walk.rate_hz) :], walk.rate_hz, placement, out)
+    return written(values[round(start_s * walk.rate_hz) :], placement, out, walk.rate_hz)
 
 
 def middle(angles_rad: np.ndarray) -> float:
