@@ -32,6 +32,7 @@ from scipy import signal
 
 import groundtrace as gt
 from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.signals import G0_MPS2
 
 ACTIVITIES = {1: "walk", 2: "up a stair", 3: "down a stair", 4: "sit", 5: "stand", 6: "lie"}
 STILL = ("sit", "stand", "lie")
@@ -49,7 +50,6 @@ WORN = (
     ("g", "angular_velocity", "rad/s"),
     ("m", "magnetic_field", "a.u."),
 )
-G0_MPS2 = 9.80665
 
 
 class Span(NamedTuple):

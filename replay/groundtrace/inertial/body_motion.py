@@ -279,15 +279,13 @@ class WalkingAxis:
     def angle_rad(self) -> float:
         """Return the walking direction against the nominal one, positive to the right [rad]."""
         angle = _principal(*self.scatter)
-        if self.nominal or self._ahead >= 0:
+        if self.nominal or self._driven(angle) >= 0:
             return angle
         return angle - math.copysign(math.pi, angle)
 
-    @property
-    def _ahead(self) -> float:
-        """How far the drive goes along the axis; less than 0 against it."""
-        angle = _principal(*self.scatter)
-        return self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
+    def _driven(self, angle_rad: float) -> float:
+        """Return how far the drive goes in a direction; less than 0 against it."""
+        return self.drive[0] * math.cos(angle_rad) + self.drive[1] * math.sin(angle_rad)
 
     @property
     def sigma_rad(self) -> float:
@@ -303,7 +301,7 @@ class WalkingAxis:
         least, most = max(mean - apart, 0.0), mean + apart
         count = (1 - self.keep**self.steps) / (1 - self.keep)
         axis = min(least * most / max(count * (most - least) ** 2, 1e-300), ANYHOW_RAD**2 / 4)
-        wrong = 0.5 * math.erfc(abs(self._ahead) / math.sqrt(2 * (aa + rr)))
+        wrong = 0.5 * math.erfc(abs(self._driven(self.angle_rad)) / math.sqrt(2 * (aa + rr)))
         return math.sqrt(axis + wrong * math.pi**2)
 
     def add(self, swing: Swing) -> None:

@@ -156,10 +156,10 @@ class PedestrianDeadReckoning:
         rested_s, unseen_rad2 = (now - then for now, then in zip(by_now, before, strict=True))
         stride = stride._replace(rested_s=rested_s, unseen_rad2=unseen_rad2)
         facing = self._facing
-        axis = (facing.turn_rad, facing.sigma_rad)
-        outputs += track.step(stride, *axis, settled=facing.settled)
+        axis_rad = facing.sigma_rad
+        outputs += track.step(stride, facing.turn_rad, axis_rad, settled=facing.settled)
         azimuth = wrap_angle(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
-        sigma = min(math.hypot(track.filter.azimuth_sigma_rad, facing.sigma_rad), math.pi)
+        sigma = min(math.hypot(track.filter.azimuth_sigma_rad, axis_rad), math.pi)
         outputs.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
         if facing.news:
             outputs.append(Note(stride.time_ns, facing.news, source=self.stage))

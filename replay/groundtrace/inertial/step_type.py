@@ -626,10 +626,22 @@ def _which(types: frozenset[int]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class Applies:
-    """A level that only some types must reach; the others pass whatever it is."""
+    """A level that only some types must reach; the others pass whatever it is.
+
+    Attributes
+    ----------
+    level
+        What must be reached.
+    types
+        By which types.
+    against
+        Types that it tells them from: where the gates before left a step none of these, it need not
+        be reached.
+    """
 
     level: Level
     types: frozenset[int]
+    against: frozenset[int] = frozenset()
 
     @property
     def name(self) -> str:
@@ -662,32 +674,10 @@ class Applies:
         """Return the measured column; infinitely good where the level does not apply."""
         seen = self.level.values(candidates, columns, alive, threshold, carry)
         applies = _which(self.types)[candidates.channel]
+        if self.against:
+            left = _which(self.against)[candidates.channel] & alive
+            applies &= ~alive | _with_step_of(candidates, left)
         return np.where(applies, seen, np.inf if self.at_least else -np.inf)
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """The order of the maxima; not asked of a step ahead that is too vigorous for one back."""
-
-    parameter: str = "order"
-    name: str = "order"
-    unit: str = "steps"
-    at_least: bool = True
-
-    def values(
-        self,
-        candidates: Candidates,
-        columns: Sequence[Quantity],
-        alive: NDArray[np.bool_],
-        threshold: float,  # noqa: ARG002
-        carry: GateState,  # noqa: ARG002
-    ) -> NDArray[np.float64]:
-        """Return the order; infinitely good where it says nothing."""
-        order = candidates.value[:, [c.name for c in columns].index("order")].astype(np.float64)
-        ahead = _which(FRONTAL - BACKWARD)[candidates.channel]
-        back = _which(BACKWARD)[candidates.channel] & alive
-        vigorous = ahead & alive & ~_with_step_of(candidates, back)
-        return np.where(vigorous | _which(LATERAL)[candidates.channel], np.inf, order)
 
 
 def _with_step_of(candidates: Candidates, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -794,7 +784,7 @@ class StepTypes(Stage):
         Applies(Level("window", "steps", "window"), FRONTAL),
         Applies(Level("density", "1", "density"), FRONTAL),
         Applies(Level("vertical", "m/s2", "vertical", at_least=False), BACKWARD),
-        Order(),
+        Applies(Level("order", "steps", "order"), FRONTAL, against=BACKWARD),
         Applies(Level("share", "1", "share"), LATERAL),
         Applies(Level("lobe", "1", "lobe"), LATERAL),
         Applies(Level("slope", "1", "slope"), LATERAL),

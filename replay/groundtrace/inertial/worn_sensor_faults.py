@@ -467,7 +467,7 @@ RATIO, ERRORS, LEAST_WINDOWS = 0.2, 3.0, 5
 #: sensor at the chest have 5.6 and more, those who walk up to 4.0; what fits best has 0.03 to 0.48
 #: of those, and of feet with axes exchanged, which are shaken as much, 0.41 to 0.86
 #: (docs/accuracy/faults.md).
-RUNS_MPS2, MOVES = 5.0, 0.4
+RUNNER_SHAKES_MPS2, MOVES = 5.0, 0.4
 #: What fits worse than the best by less than this, or by fewer standard errors, fits as well.
 #: Chosen by trial on BROAD and mobgap (bench/corrupted_inputs.py), where more names other axes.
 EQUAL, EQUAL_ERRORS = 0.1, 2.0
@@ -495,9 +495,8 @@ class Judge:
         Logarithm of the stated spread over a rival's, shape (n_windows, 48).
     relative_gain
         The same of spreads over the length that is left, mean, shape (48,).
-    still, moved
-        Logarithm of the spread without turning over a rival's, mean and root mean square, shape
-        (48,).
+    still
+        Logarithm of the spread without turning over a rival's, shape (n_windows, 48).
     spreads
         Where they come from.
     """
@@ -506,7 +505,6 @@ class Judge:
     gain: Array
     relative_gain: Array
     still: Array
-    moved: Array
     spreads: Spreads
 
     @classmethod
@@ -516,11 +514,9 @@ class Judge:
             return None
         rivals = np.array(spreads.rivals)
         still = np.array(spreads.still)[:, None] - rivals
-        moved = np.sqrt((still**2).mean(axis=0))
         left = rivals - np.array(spreads.lengths)
         relative_gain = (left[:, :1] - left).mean(axis=0)
-        gain = rivals[:, :1] - rivals
-        return cls(quantity, gain, relative_gain, still.mean(axis=0), moved, spreads)
+        return cls(quantity, rivals[:, :1] - rivals, relative_gain, still, spreads)
 
     @property
     def better(self) -> Mask:
@@ -533,10 +529,12 @@ class Judge:
         """
         mean, errors = mean_and_errors(self.gain)
         better: Mask = (mean > RATIO) & (errors > ERRORS) & (self.relative_gain > 0)
-        if self.quantity == "acceleration":
-            shaken = float(np.median(self.spreads.shaking)) > RUNS_MPS2
-            return better & (not shaken or bool(self.moved[mean.argmax()] > MOVES))
-        return better & (self.still > 0)
+        if self.quantity == "magnetic_field":
+            better &= self.still.mean(axis=0) > 0
+        elif float(np.median(self.spreads.shaking)) > RUNNER_SHAKES_MPS2:
+            moved = math.sqrt(float((self.still[:, mean.argmax()] ** 2).mean()))
+            better &= moved > MOVES
+        return better
 
     @property
     def worse(self) -> int:
@@ -547,7 +545,7 @@ class Judge:
     @property
     def silent(self) -> bool:
         """Whether neither what is stated nor any rival stands stiller than without turning."""
-        return self.quantity == "magnetic_field" and bool((self.still <= 0).all())
+        return self.quantity == "magnetic_field" and bool((self.still.mean(axis=0) <= 0).all())
 
 
 def mean_and_errors(values: Array) -> tuple[Array, Array]:

@@ -209,8 +209,8 @@ class JointPlaces:
 
     def __post_init__(self) -> None:
         self.gains = np.zeros(len(self.positions))
-        self._errors = PathErrors(self.positions, self.parameters.exponent)
         self._sums = np.zeros((2, len(self.positions)))
+        self._errors = PathErrors(self.positions, self.parameters.exponent)
 
     def locate(self, times_s: Array, heights: Array, clipped: Flags) -> LocationEstimate:
         """Return the place of an impact, and learn from it.

@@ -178,9 +178,9 @@ class UnevenFloor:
         rng
             What to draw from.
         """
-        count = np.ceil((high - low) / _LATTICE_M).astype(int) + 1
         if not part:
             return cls(low, high, np.ones((1, 1)))
+        count = np.ceil((high - low) / _LATTICE_M).astype(int) + 1
         margin = round(_REACH * over_m / _LATTICE_M)
         white = rng.standard_normal(tuple(count + 2 * margin))
         frequency = [np.fft.fftfreq(n) for n in white.shape]
