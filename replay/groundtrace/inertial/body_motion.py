@@ -301,7 +301,8 @@ class WalkingAxis:
         least, most = max(mean - apart, 0.0), mean + apart
         count = (1 - self.keep**self.steps) / (1 - self.keep)
         axis = min(least * most / max(count * (most - least) ** 2, 1e-300), ANYHOW_RAD**2 / 4)
-        wrong = 0.5 * math.erfc(abs(self._driven(self.angle_rad)) / math.sqrt(2 * (aa + rr)))
+        driven = abs(self._driven(_principal(aa, ar, rr)))
+        wrong = 0.5 * math.erfc(driven / math.sqrt(2 * (aa + rr)))
         return math.sqrt(axis + wrong * math.pi**2)
 
     def add(self, swing: Swing) -> None:
