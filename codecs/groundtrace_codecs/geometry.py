@@ -111,6 +111,9 @@ class Geometry:
         Corners of the line of a road, in its forward direction [m].
     paths
         Corners of lines that people walk along, one each [m].
+    origin
+        Latitude, longitude [deg] and height [m] of the site's zero, from which x points east and y
+        north; None where nobody knows.
     """
 
     sensors: tuple[Sensor, ...] = ()
@@ -121,6 +124,7 @@ class Geometry:
     unit: str = "m"
     road: tuple[tuple[float, float], ...] = ()
     paths: tuple[tuple[tuple[float, float], ...], ...] = ()
+    origin: tuple[float, float, float] | None = None
 
     @property
     def length_unit(self) -> str:
@@ -321,7 +325,7 @@ def _listed(names: Sequence[str]) -> str:
 UNKNOWN_UNIT = "unknown"
 #: Metres of each unit that places may be written in.
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
-KEYS = ("unit", "outline", "start", "road", "paths", "sensor", "source", "medium")
+KEYS = ("unit", "outline", "start", "road", "paths", "origin", "sensor", "source", "medium")
 #: Where numbers that are lengths in the unit of the file stand in a table.
 PLACES = ("x", "y", "z")
 
@@ -353,6 +357,7 @@ def geometry_table(path: Path) -> dict[str, Any]:
         )
     metres = 1.0 if unit == UNKNOWN_UNIT else METRES[unit]
     return {
+        "origin": table.pop("origin", None),
         "sensors": _scaled(table.pop("sensor", []), metres),
         "sources": _scaled(table.pop("source", []), metres),
         "unit": unit if unit == UNKNOWN_UNIT else "m",
@@ -374,7 +379,7 @@ def _scaled(value: Any, metres: float) -> Any:
 def geometry_text(fields: Mapping[str, Any]) -> str:
     """Return a geometry, as its fields, as TOML; fields without a value are left out."""
     lines = [f"unit = {toml_value(fields['unit'])}"]
-    keys = [key for key in ("outline", "start", "road", "paths") if fields[key]]
+    keys = [key for key in ("outline", "start", "road", "paths", "origin") if fields[key]]
     lines += [f"{key} = {toml_value(fields[key])}" for key in keys]
     if fields["sources"]:
         lines.append(f"source = {toml_value(fields['sources'])}")
@@ -388,9 +393,6 @@ def _pairs(table: Mapping[str, Any]) -> list[str]:
     return [f"{key} = {toml_value(value)}" for key, value in table.items() if value is not None]
 
 
-#: Metadata record of a recording that says where on earth its site's zero lies: ``latitude_deg``,
-#: ``longitude_deg``, ``height_m``; x points east, y north.
-ORIGIN = "groundtrace.origin"
 #: Radius of the equator, and first eccentricity squared (NIMA TR8350.2, third edition).
 EQUATOR_M, ECCENTRICITY = 6_378_137.0, 6.694_379_990_14e-3
 
@@ -400,3 +402,53 @@ def metres_per_radian(latitude_rad: float) -> tuple[float, float]:
     bent = 1 - ECCENTRICITY * math.sin(latitude_rad) ** 2
     east = EQUATOR_M / math.sqrt(bent) * math.cos(latitude_rad)
     return east, EQUATOR_M * (1 - ECCENTRICITY) / bent**1.5
+
+
+@dataclass(slots=True)
+class TangentPlane:
+    """Turns latitude and longitude into metres east and north of the first fix.
+
+    Attributes
+    ----------
+    at
+        Where the first fix lies on the map [m].
+    origin
+        Its latitude and longitude [rad]; None before.
+    """
+
+    at: tuple[float, float] = (0.0, 0.0)
+    origin: tuple[float, float] | None = None
+
+    def map_position(self, latitude: float, longitude: float) -> tuple[float, float]:
+        """Return the place of a fix on the map [m]; angles in rad."""
+        if self.origin is None:
+            self.origin = (latitude, longitude)
+        start, meridian = self.origin
+        across, along = metres_per_radian(start)
+        east_rad = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
+        return self.at[0] + across * east_rad, self.at[1] + along * (latitude - start)
+
+    def position(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return latitude and longitude of a place on the map [rad]; the first fix comes before.
+
+        Raises
+        ------
+        ValueError
+            Before the first fix.
+        """
+        if self.origin is None:
+            raise ValueError("plane: expected a first fix, found none")
+        start, meridian = self.origin
+        across, along = metres_per_radian(start)
+        return start + (y_m - self.at[1]) / along, meridian + (x_m - self.at[0]) / across
+
+
+def tangent_plane(site: Geometry | None) -> TangentPlane:
+    """Return the plane of a site's metres.
+
+    It touches the earth at the site's origin, where that is known; else at the first fix, which
+    lies where walks start.
+    """
+    if site is not None and site.origin is not None:
+        return TangentPlane(origin=(math.radians(site.origin[0]), math.radians(site.origin[1])))
+    return TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))

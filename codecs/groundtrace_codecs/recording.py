@@ -24,7 +24,9 @@ from .schemas.ros2 import (
     KINDS,
     CdrDecoder,
     RosSource,
+    accuracy_m,
     column_order,
+    fields_of,
     find_sources,
     in_range,
     kind_of,
@@ -33,6 +35,7 @@ from .schemas.ros2 import (
 )
 from .schemas.waveform import WaveformRun, decode_waveform
 from .signals import (
+    ACCURACY,
     NS_PER_S,
     PREVIEW_KEY,
     STREAM_KEY,
@@ -514,7 +517,8 @@ class RosReader:
             samples = read_samples(source, tables, log_ns)
             if not len(samples.times_ns):
                 continue
-            values = samples.values if order == sorted(order) else samples.values[:, order]
+            as_decoded = order == list(range(samples.values.shape[1]))
+            values = samples.values if as_decoded else samples.values[:, order]
             if stream.irregular:
                 first = messages[0].sequence
                 block = SignalBlock(
@@ -593,11 +597,20 @@ def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -
     if reader.assumed and not all(in_range(b.samples) for b in blocks):
         return None
     times = {b.topic: b.sample_times() for b in blocks}
-    reader.streams = tuple(
-        replace(s, rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64))))
+    streams = [
+        replace(telling(s, blocks), rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64))))
         for s in reader.streams
-    )
-    return reader
+    ]
+    return RosReader(definition, find_sources(definition), streams, _where(file, channel))
+
+
+def telling(stream: Stream, blocks: Iterable[SignalBlock]) -> Stream:
+    """Return a stream of fixes without the accuracy, where none of its first blocks tells any."""
+    accuracy = stream.columns_of(ACCURACY)
+    first = [b.samples[:, accuracy] for b in blocks if b.topic == stream.topic]
+    if any(np.isfinite(samples).any() for samples in first):
+        return stream
+    return stream.select([i for i in range(len(stream.channels)) if i not in accuracy])
 
 
 class LocationReader:
@@ -625,7 +638,8 @@ class LocationReader:
         if not pairs:
             return
         times = [get_time(fix.timestamp, self._where) or m.log_time for m, fix in pairs]
-        values = np.array([(f.latitude, f.longitude, f.altitude) for _, f in pairs], np.float64)
+        rows = [(f.latitude, f.longitude, f.altitude, _accuracy_m(f)) for _, f in pairs]
+        values = np.array(rows, np.float64)[:, : len(self.streams[0].channels)]
         block = SignalBlock(self.streams[0], times[0], 0, values, np.array(times, np.int64))
         yield LoggedBlock(int(logs[-1]), block)
 
@@ -638,14 +652,23 @@ def _location_reader(
     except ImportError as error:
         raise CodecError(f"{file.name}: expected foxglove-schemas-protobuf, found none") from error
     messages = probe(file, channel.id)
-    channels = tuple(c for _, c in KINDS["sensor_msgs/NavSatFix"])
+    channels = tuple(c for _, c in fields_of("sensor_msgs/NavSatFix"))
     stream = Stream(channel.topic, channels, 1.0, irregular=True)
     reader = LocationReader(stream, schema_name, _where(file, channel))
-    times = [b.sample_times() for _, b in readable(reader, messages, pass_over)]
-    if not times:
+    blocks = [b for _, b in readable(reader, messages, pass_over)]
+    if not blocks:
         return None
-    reader.streams = (replace(stream, rate_hz=median_rate(times[0])),)
+    rate_hz = median_rate(blocks[0].sample_times())
+    reader.streams = (replace(telling(stream, blocks), rate_hz=rate_hz),)
     return reader
+
+
+def _accuracy_m(fix: Any) -> float:
+    """Return the accuracy of a ``foxglove.LocationFix``, NaN where it tells none."""
+    covariance = list(fix.position_covariance)
+    if len(covariance) != 9 or not fix.position_covariance_type:
+        return float("nan")
+    return float(accuracy_m(np.array(covariance[0] + covariance[4])))
 
 
 def readable(

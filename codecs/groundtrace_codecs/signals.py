@@ -304,6 +304,12 @@ _SPELLINGS = {
     "deg/sec": "deg/s",
 }
 
+#: Quantity of the accuracy of a fix: what phones call so, the radius in which it lies with 68 %.
+ACCURACY = frozenset({"horizontal_accuracy"})
+#: That radius in standard deviations of each of the two axes. Source: Android's
+#: Location.getAccuracy; the Rayleigh distribution.
+ACCURACY_SIGMAS = math.sqrt(-2 * math.log(0.32))
+
 #: Unit of each quantity inside; an uncalibrated channel may carry one of UNKNOWN_UNITS instead.
 QUANTITIES: dict[str, str] = {
     "acceleration": "m/s2",
@@ -316,6 +322,7 @@ QUANTITIES: dict[str, str] = {
     "latitude": "deg",
     "longitude": "deg",
     "altitude": "m",
+    "horizontal_accuracy": "m",
     "ground_velocity": "m/s",
     "ground_acceleration": "m/s2",
     "ground_displacement": "m",

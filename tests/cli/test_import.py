@@ -116,8 +116,8 @@ def test_places_of_station_xml_are_where_the_map_is(capsys: Capture) -> None:
     ran = done(capsys, "import", "a.mseed", "--stationxml", "bw.xml", "-o", "a.mcap")
     assert "places are metres east, north and up of 47.737167, 12.795714 at 860 m" in ran.out
     with Recording.open("a.mcap") as opened, RecordingWriter("placed.mcap") as writer:
-        for name, values in opened.metadata.items():
-            writer.add_metadata(name, values)
+        assert opened.geometry is not None
+        writer.set_geometry(opened.geometry)
         writer.add_stream(opened.streams[0], "f64le")
         for _, block in opened.blocks():
             writer.write(block)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.geometry import Geometry, Medium, Sensor
+from groundtrace_codecs.geometry import Geometry, Medium, Sensor, tangent_plane
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,6 +55,25 @@ def test_places_in_an_unknown_unit_stay_as_they_are(tmp_path: Path) -> None:
     assert (found.unit, found.length_unit) == ("unknown", "units")
     assert found.outline[1] == (200, 0)
     assert Geometry.from_json(found.to_json()) == found
+
+
+def test_an_origin_stays_in_degrees_and_metres_whatever_the_unit(tmp_path: Path) -> None:
+    found = read(tmp_path, 'unit = "ft"\norigin = [49.46, 11.11, 310.0]' + TEXT)
+    assert found.origin == (49.46, 11.11, 310.0)
+    again = tmp_path / "again.toml"
+    again.write_text(found.to_toml(), encoding="utf-8")
+    assert Geometry.from_toml(again) == Geometry.from_json(found.to_json()) == found
+
+
+def test_a_plane_touches_the_earth_at_the_origin_or_at_the_first_fix() -> None:
+    here = (math.radians(49.46), math.radians(11.11))
+    north = (here[0] + 1e-6, here[1])
+    known = tangent_plane(Geometry(start=(5.0, 6.0), origin=(49.46, 11.11, 0.0)))
+    assert known.map_position(*here) == (0.0, 0.0)
+    heard = tangent_plane(Geometry(start=(5.0, 6.0)))
+    assert heard.map_position(*here) == (5.0, 6.0)
+    assert heard.map_position(*north) == pytest.approx((5.0, 6.0 + 6.37), abs=0.03)
+    assert tangent_plane(None).map_position(*here) == (0.0, 0.0)
 
 
 def test_a_unit_that_is_none_of_length_is_refused(tmp_path: Path) -> None:

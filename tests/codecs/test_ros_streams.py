@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.recording import OtherTopic, Recording
 from groundtrace_codecs.schemas.protobuf import descriptor_set, set_time
+from groundtrace_codecs.signals import Channel, SignalBlock, Stream
+from groundtrace_codecs.writer import RecordingWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,15 +52,15 @@ def imu(time_ns: int, value: float, frame: str = "f") -> Any:
     )
 
 
-def fix(time_ns: int, latitude: float) -> Any:
+def fix(time_ns: int, latitude: float, variance_m2: float = 0.0) -> Any:
     return TYPES["sensor_msgs/msg/NavSatFix"](
         header=header(time_ns),
         status=TYPES["sensor_msgs/msg/NavSatStatus"](status=-1, service=1),
         latitude=latitude,
         longitude=11.0,
         altitude=float("nan"),
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
+        position_covariance=variance_m2 * np.eye(3).reshape(9),
+        position_covariance_type=2 if variance_m2 else 0,
     )
 
 
@@ -186,6 +189,42 @@ def test_reversed_and_repeated_stamps_pass_as_recorded(tmp_path: Path) -> None:
         assert columns(recording, "/imu")[0] == [o * 10**6 for o in offsets]
 
 
+def test_fixes_are_as_exact_as_their_covariance_says(tmp_path: Path) -> None:
+    """The radius of 68 %, in two dimensions, is 1.51 standard deviations."""
+    path = tmp_path / "exact.mcap"
+    with Bag(path) as bag:
+        for i, variance_m2 in enumerate([4.0, 0.0, 9.0]):
+            bag.ros("/fix", START_NS + i * 10**9, fix(START_NS + i * 10**9, 48.0, variance_m2))
+            bag.ros("/bare", START_NS + i * 10**9, fix(START_NS + i * 10**9, 48.0))
+    with Recording.open(path) as recording:
+        streams = {s.topic: [c.quantity for c in s.channels] for s in recording.streams}
+        assert streams["/fix"] == ["latitude", "longitude", "altitude", "horizontal_accuracy"]
+        assert streams["/bare"] == ["latitude", "longitude", "altitude"]
+        accuracy_m = [row[3] for row in columns(recording, "/fix")[1]]
+    assert accuracy_m == pytest.approx([2 * 1.50959, np.nan, 3 * 1.50959], rel=1e-4, nan_ok=True)
+
+
+def test_what_fixes_say_of_themselves_is_written_as_a_covariance(tmp_path: Path) -> None:
+    path = tmp_path / "own.mcap"
+    units = {"latitude": "deg", "longitude": "deg", "altitude": "m", "horizontal_accuracy": "m"}
+    channels = tuple(Channel(name, name, unit) for name, unit in units.items())
+    stream = Stream("/fix", channels, 1.0, irregular=True)
+    values = np.array([[48.0, 11.0, 500.0, 3.0], [48.0, 11.0, 500.0, np.nan]])
+    times_ns = START_NS + np.arange(2) * 10**9
+    with RecordingWriter(path) as writer:
+        writer.add_stream(stream, "f64le")
+        writer.write(SignalBlock(stream, START_NS, 0, values, times_ns))
+    with path.open("rb") as file:
+        logged = [m.data for _, _, m in make_reader(file).iter_messages(topics=["/fix"])]
+    told = [STORE.deserialize_cdr(data, "sensor_msgs/msg/NavSatFix") for data in logged]
+    assert told[0].position_covariance[[0, 4]] == pytest.approx(
+        [(3.0 / 1.50959) ** 2] * 2, rel=1e-4
+    )
+    assert [x.position_covariance_type for x in told] == [1, 0]
+    with Recording.open(path) as recording:
+        assert np.array(columns(recording, "/fix")[1]) == pytest.approx(values, nan_ok=True)
+
+
 def test_foxglove_fixes_are_streams_and_other_protobuf_is_listed(tmp_path: Path) -> None:
     from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
     from foxglove_schemas_protobuf.LocationFixes_pb2 import LocationFixes
@@ -199,11 +238,20 @@ def test_foxglove_fixes_are_streams_and_other_protobuf_is_listed(tmp_path: Path)
             set_time(one.timestamp, time_ns)
             bag.protobuf("/fix", time_ns + 5, one)
             bag.protobuf("/fixes", time_ns + 5, LocationFixes(fixes=[one, one]))
+            one.position_covariance.extend(25.0 * np.eye(3).reshape(9))
+            one.position_covariance_type = LocationFix.DIAGONAL_KNOWN
+            bag.protobuf("/exact", time_ns + 5, one)
             bag.protobuf("/rosout", time_ns, Log(message="x"))
     with Recording.open(path) as recording:
-        assert [(s.topic, s.rate_hz) for s in recording.streams] == [("/fix", 1.0), ("/fixes", 1.0)]
+        assert [(s.topic, s.rate_hz) for s in recording.streams] == [
+            ("/fix", 1.0),
+            ("/fixes", 1.0),
+            ("/exact", 1.0),
+        ]
         assert columns(recording, "/fix")[0] == [i * 10**9 for i in range(4)]
         assert columns(recording, "/fixes")[1][2:4] == [[49.0, 11.0, 500.0]] * 2
+        exact = columns(recording, "/exact")[1]
+        assert [row[3] for row in exact] == pytest.approx([1.50959 * 5.0] * 4, rel=1e-4)
         fields = ("timestamp", "level", "message", "name", "file", "line")
         assert recording.others == (OtherTopic("/rosout", "foxglove.Log", "protobuf", 4, fields),)
 

@@ -36,7 +36,8 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.importers.audio import AudioImporter
 from groundtrace_codecs.importers.guess import guess_map
 from groundtrace_codecs.importers.map import load_map
-from groundtrace_codecs.importers.phone import IndoorLocationImporter, PhoneImporter
+from groundtrace_codecs.importers.phone import PhoneImporter
+from groundtrace_codecs.importers.phone_logs import GetSensorDataImporter, IndoorLocationImporter
 from groundtrace_codecs.importers.ros import RosImporter
 from groundtrace_codecs.importers.seismic import SeismicImporter
 from groundtrace_codecs.importers.tables import (
@@ -413,6 +414,15 @@ TRACE = "#\tstartTime:1574576411000\n" + "".join(
     for k in range(6)
     for kind in ("TYPE_ACCELEROMETER", "TYPE_GYROSCOPE", "TYPE_WAYPOINT")
 )
+SENSOR_LOG = (
+    "% LogFile created by the 'GetSensorData' App for Android.\n"
+    "% Date of creation: Wed Jun 14 10:00:58 GMT+02:00 2023\n"
+    "% 'ACCE;AppTimestamp(s);SensorTimestamp(s);Acc_X(m/s^2);Acc_Y(m/s^2);Acc_Z(m/s^2);Accuracy'\n"
+    "% 'GNSS;AppTimestamp(s);SensorTimeStamp(s);Latit(deg);Long(deg);Altitude(m);Accuracy(m)'\n"
+    "% 'POSI;Timestamp(s);Counter;Latitude(degrees);Longitude(degrees);floor ID;Building ID'\n"
+)
+SENSOR_LOG += "".join(f"ACCE;{k}.01;9{k}.01;0.1;0.2;9.8;3\n" for k in range(6))
+SENSOR_LOG += "GNSS;1.5;5;49.1;11.2;300;4\nGNSS;2.5;6;49.1;11.2;300;5\nPOSI;2;1;49.1;11.2;0;1\n"
 XSENS = "// Update Rate: 100.0Hz\nPacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tMag_X\tMag_Y\tMag_Z\n"
 XSENS += "".join(f"{k}\t0.1\t0.2\t9.8\t0.3\t0.4\t-0.5\n" for k in range(20) if k not in (7, 8))
 SGT = (
@@ -462,6 +472,7 @@ TARGETS: dict[str, Target] = {
     "Sensor Logger, zip": Target(_importing(PhoneImporter(), "x.zip"), _archives),
     "phyphox": Target(_importing(PhoneImporter(), "x.csv"), _texts(PHYPHOX)),
     "indoor location": Target(_importing(IndoorLocationImporter(), "x.txt"), _texts(TRACE)),
+    "GetSensorData": Target(_importing(GetSensorDataImporter(), "x.txt"), _texts(SENSOR_LOG)),
     "Xsens text": Target(_importing(XsensImporter(), "x.txt"), _texts(XSENS)),
     "SGT hand picks": Target(_of_file(read_sgt), _texts(SGT)),
     "MATLAB 4": Target(

@@ -1,6 +1,4 @@
-"""Importers for recordings of phones: Sensor Logger, phyphox and the Indoor Location Competition.
-
-Recordings of Sensor Logger and phyphox may be a zip archive, a folder or CSV files.
+"""Importer for tables of phone apps, in a zip archive, a folder or alone: Sensor Logger, phyphox.
 
 Sensor Logger writes one table per sensor. Columns are ``time`` (unix time, ns), ``seconds_elapsed``
 and those of the sensor, with the axes in the order z, y, x. Units and signs are those of the app's
@@ -12,11 +10,6 @@ experiment began; the others state their unit. Separator and decimal sign are th
 words are in the phone's language, so a column is recognised by its unit. ``meta/time.csv`` gives
 the calendar time at which the experiment ran and paused: the time of the experiment stands still in
 a pause.
-
-A trace of the Indoor Location Competition 2.0 (Microsoft Research, XYZ10) is tab-separated text,
-one event a line: unix time [ms], type, values. Accelerometer, gyroscope and magnetometer of the
-phone become streams, the surveyor's waypoints truth, and the first of them the start of the walk.
-Radio scans and Android's own orientation are left out.
 """
 
 from __future__ import annotations
@@ -26,7 +19,6 @@ import io
 import re
 import zipfile
 import zlib
-from array import array
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -35,11 +27,10 @@ import numpy as np
 
 from ..errors import FormatError, SchemaError
 from ..events import Label
-from ..geometry import Geometry
-from ..signals import NS_PER_S, Channel, to_quantity
+from ..signals import NS_PER_S, QUANTITIES, Channel, to_quantity
 from .base import ColumnMap, Imported, ImportMap, StreamMap, TimeMap
-from .map import MAX_NS, TIME_UNITS_NS, Sampled, together
-from .stored import PIECE, Computed, Spool, pieces, stacked
+from .map import MAX_NS, Sampled, together
+from .stored import Computed, pieces, stacked
 from .tables import TextTable, check_member
 
 if TYPE_CHECKING:
@@ -49,7 +40,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .base import TimeUnit
-    from .stored import Column
     from .tables import TextFile
 
 #: Files that say more about those beside them, by the folder they are in.
@@ -290,7 +280,7 @@ def sampled(
     beside = stacked(numbers)
     values = Computed(len(times), lambda rows: beside[rows] * scales)
     channels = tuple(
-        Channel(_name(c), c.quantity, si, c.axis)
+        Channel(channel_name(c), c.quantity, si, c.axis)
         for c, (si, _) in zip(columns, factors, strict=True)
     )
     stream = Sampled(topic, PLACEMENT, channels, times, values)
@@ -300,7 +290,8 @@ def sampled(
     return stream.only(np.flatnonzero(there)) if there.any() else None
 
 
-def _name(column: Wanted) -> str:
+def channel_name(column: Wanted) -> str:
+    """Return the name of the channel of a column."""
     return f"{column.quantity}_{column.axis}" if column.axis else column.quantity
 
 
@@ -335,7 +326,14 @@ _UNITS = {
 _AXIS: dict[str, Literal["x", "y", "z", ""]] = {"x": "x", "y": "y", "z": "z", "": ""}
 _VECTORS = frozenset({"acceleration", "angular_velocity", "magnetic_field"})
 _LINEAR = re.compile(r"(?i)linear|without g|ohne g")
-_PHYPHOX_FIX = ("latitude", "longitude", "altitude")
+#: Words of a column of phyphox's location, and its quantity.
+_COORDINATES = {
+    "latitude": "latitude",
+    "longitude": "longitude",
+    "height": "altitude",
+    "altitude": "altitude",
+    "horizontal accuracy": "horizontal_accuracy",
+}
 
 
 class Piece(NamedTuple):
@@ -403,18 +401,16 @@ def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
 def _coordinate(cell: str, words: str) -> Wanted | None:
     """Return a column of a place on the globe."""
     word = words.strip().lower()
-    if word == "height":
-        word = "altitude"
-    if word not in _PHYPHOX_FIX:
-        return None
-    return Wanted(cell, word, "m" if word == "altitude" else "deg")
+    quantity = _COORDINATES.get(word)
+    return None if quantity is None else Wanted(cell, quantity, QUANTITIES[quantity])
 
 
 def _is_complete(columns: list[Wanted]) -> bool:
-    """Return whether each axis is there once; places need all three numbers."""
+    """Return whether each axis is there once; places need latitude, longitude and altitude."""
     have = [c.axis or c.quantity for c in columns]
-    if columns[0].quantity in _PHYPHOX_FIX:
-        return sorted(have) == sorted(_PHYPHOX_FIX)
+    places = set(have) & set(_COORDINATES.values())
+    if places and not {"latitude", "longitude", "altitude"} <= places:
+        return False
     return len(set(have)) == len(have)
 
 
@@ -458,6 +454,7 @@ _SENSOR_LOGGER_FIX = (
     Wanted("longitude", "longitude", "deg"),
     Wanted("altitude", "altitude", "m"),
 )
+_ACCURACY = Wanted("horizontalAccuracy", "horizontal_accuracy", "m")
 _ACC = TOPICS["acceleration"]
 _SUM = ("Accelerometer", "Gravity")
 #: Tables with samples that are read, whole or as the second best.
@@ -495,7 +492,8 @@ def read_sensor_logger(files: Sequence[AppFile]) -> AppContent:
     sign, warnings = _sign([f for f in files if is_metadata(f)])
     streams = [_single(tables, q, *_AXES[q]) for q in _AXES]
     streams.append(_columns(tables, "Barometer", (Wanted("pressure", "pressure", "mbar"),)))
-    streams.append(_columns(tables, "Location", _SENSOR_LOGGER_FIX))
+    exact = _columns(tables, "Location", (*_SENSOR_LOGGER_FIX, _ACCURACY))
+    streams.append(exact or _columns(tables, "Location", _SENSOR_LOGGER_FIX))
     acceleration, remarks = _acceleration(tables, sign)
     others = sorted(tables.keys() - _SENSORS - {"Annotation"})
     if others:
@@ -581,126 +579,3 @@ def _notes(file: AppFile | None) -> tuple[Label, ...]:
         for row in rows
         if re.fullmatch(r"\d{1,18}|[1-8]\d{18}", row.get("time", ""), re.ASCII)
     )
-
-
-#: Type of a line, its topic, quantity and unit.
-SENSORS = {
-    "TYPE_ACCELEROMETER": ("/acc/phone", "acceleration", "m/s2"),
-    "TYPE_GYROSCOPE": ("/gyro/phone", "angular_velocity", "rad/s"),
-    "TYPE_MAGNETIC_FIELD": ("/mag/phone", "magnetic_field", "uT"),
-}
-WAYPOINT = "TYPE_WAYPOINT"
-_VALUES = {**dict.fromkeys(SENSORS, 3), WAYPOINT: 2}
-_START = b"#\tstartTime:"
-
-
-class IndoorLocationImporter:
-    """Reads one trace."""
-
-    name = "indoor-location"
-    description = "traces of the Indoor Location Competition 2.0: phone sensors and waypoints"
-
-    def sniff(self, path: Path) -> float:
-        """Return 1 for a file that begins as a trace does."""
-        with path.open("rb") as file:
-            return 1.0 if file.read(len(_START)) == _START else 0.0
-
-    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
-        """Read one trace; it needs no map.
-
-        Raises
-        ------
-        SchemaError
-            For a map, or more than one file.
-        FormatError
-            Where the file is no trace, or has no accelerometer.
-        """
-        path = paths[0]
-        if map_ is not None or len(paths) != 1:
-            raise SchemaError(f"{path.name}: expected one trace and no map, found others")
-        readings = {kind: _Rows(count) for kind, count in _VALUES.items()}
-        for kind, time_ns, values in _rows(path):
-            readings[kind].add(time_ns, values)
-        if len(readings["TYPE_ACCELEROMETER"]) < 2:
-            raise FormatError(f"{path.name}: expected TYPE_ACCELEROMETER lines, found none")
-        points = readings.pop(WAYPOINT).columns()
-        moments = points[0].tolist(), points[1][:].tolist()
-        labels = tuple(
-            Label(time_ns, "waypoint", x_m=x, y_m=y)
-            for time_ns, (x, y) in sorted(zip(*moments, strict=True))
-        )
-        first = [(label.x_m, label.y_m) for label in labels[:1]]
-        start = next(((x, y) for x, y in first if x is not None and y is not None), None)
-        return together(
-            [_sensor(path.name, kind, rows) for kind, rows in readings.items() if len(rows) > 1],
-            geometry=None if start is None else Geometry(start=start),
-            labels=labels,
-        )
-
-
-class _Rows:
-    """Times [ns] and values of the lines of one type, the values in a temporary file."""
-
-    def __init__(self, values: int) -> None:
-        self._times, self._values, self._spool = array("q"), array("d"), Spool(float, (values,))
-
-    def __len__(self) -> int:
-        return len(self._times)
-
-    def add(self, time_ns: int, values: Sequence[float]) -> None:
-        """Add a line."""
-        self._times.append(time_ns)
-        self._values.extend(values)
-        if len(self._values) >= PIECE:
-            self._flush()
-
-    def _flush(self) -> None:
-        self._spool.write(memoryview(self._values).cast("B"))
-        self._values = array("d")
-
-    def columns(self) -> tuple[NDArray[np.int64], Column]:
-        """Return the n times [ns] and the values, shape (n, n_values)."""
-        self._flush()
-        return np.array(self._times, np.int64), self._spool
-
-
-def _rows(path: Path) -> Iterator[tuple[str, int, tuple[float, ...]]]:
-    """Yield type, time [ns] and values of the lines that count.
-
-    Traces exist in which a line break between two events is missing: what follows the values of
-    an event is left alone.
-    """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            cells = line.rstrip("\r\n").split("\t")
-            count = _VALUES.get(cells[1] if len(cells) > 1 else "", 0)
-            if not count:
-                continue
-            try:
-                values = tuple(float(cell) for cell in cells[2 : 2 + count])
-                time_ns = int(cells[0]) * TIME_UNITS_NS["ms"]
-            except ValueError as error:
-                raise FormatError(
-                    f"{path.name}: line {number}: expected numbers, found: {error}"
-                ) from error
-            if not 0 <= time_ns < 1 << 63:
-                raise FormatError(
-                    f"{path.name}: line {number}: expected a unix time in ms, found {cells[0]}"
-                )
-            if len(values) != count:
-                raise FormatError(
-                    f"{path.name}: line {number}: expected {count} values, found {len(values)}"
-                )
-            yield cells[1], time_ns, values
-
-
-def _sensor(name: str, kind: str, rows: _Rows) -> Sampled:
-    """Return the samples of one sensor."""
-    topic, quantity, unit = SENSORS[kind]
-    times, values = rows.columns()
-    if np.ptp(times) == 0:
-        raise FormatError(f"{name}: {kind}: expected times that go on, found one")
-    si, factor = to_quantity(quantity, unit)
-    channels = tuple(Channel(f"{quantity}_{axis}", quantity, si, axis) for axis in "xyz")
-    scaled = Computed(len(times), lambda piece: values[piece] * factor)
-    return Sampled(topic, PLACEMENT, channels, times, scaled)

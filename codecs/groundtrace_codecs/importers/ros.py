@@ -25,6 +25,7 @@ from ..errors import CodecError, FormatError, MissingReaderError, NoRoomError, S
 from ..mcap.chunks import Message, MessageTable
 from ..recording import Recording, nominal_reader
 from ..schemas.ros2 import in_range, parse_ros2msg
+from ..signals import ACCURACY
 from ..unpacking import most_unpacked, too_much
 from .map import Sampled, together
 from .stored import Computed, Spool
@@ -142,6 +143,7 @@ class _BagContent:
         if silent := samples.silent():
             self.remarks.append(f"{topic}: {silent} is zero throughout: left out")
             columns = samples.stream.columns_of(set(_IMU) - {silent})
+        columns = [i for i in columns if i not in samples.untold]
         values = samples.values
         return Sampled(
             topic,
@@ -181,6 +183,11 @@ class _Topic:
         self.times_ns.append(block.sample_times())
         self.in_range = self.in_range and in_range(block.samples)
         self._nonzero |= np.nan_to_num(samples).any(axis=0)
+
+    @property
+    def untold(self) -> list[int]:
+        """Columns of an accuracy that no message tells."""
+        return [i for i in self.stream.columns_of(ACCURACY) if not self._nonzero[i]]
 
     def silent(self) -> str:
         """Return the quantity of a sensor an Imu does not have: it leaves it zero; else nothing."""

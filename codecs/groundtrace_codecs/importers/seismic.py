@@ -30,7 +30,7 @@ import numpy as np
 
 from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
 from ..events import TRIGGER, Label
-from ..geometry import ORIGIN, Geometry, Sensor, metres_per_radian
+from ..geometry import Geometry, Sensor, TangentPlane
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_si
 from .base import Imported
 from .map import MAX_NS, Part, lay_out, sample_format
@@ -725,7 +725,6 @@ def _continuous(
         ),
         start_ns=start_ns,
         geometry=site.geometry,
-        metadata=site.metadata,
         warnings=(
             *(f"{f}: the start time has {_KEPT[f]} only" for f in sorted(formats & _KEPT.keys())),
             *site.warnings,
@@ -1044,8 +1043,6 @@ class Described:
         the first segment's are.
     geometry
         Where the sensors stand, where that is known.
-    origin
-        Latitude, longitude [deg], height [m] of the site's zero.
     warnings, remarks
         One line each.
     """
@@ -1053,17 +1050,8 @@ class Described:
     channels: dict[str, Channel]
     factors: dict[str, tuple[float, ...]]
     geometry: Geometry | None = None
-    origin: tuple[float, float, float] | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-
-    @property
-    def metadata(self) -> dict[str, dict[str, str]]:
-        """The record of the origin, where there is one."""
-        if self.origin is None:
-            return {}
-        names = ("latitude_deg", "longitude_deg", "height_m")
-        return {ORIGIN: dict(zip(names, map(repr, self.origin), strict=True))}
 
 
 def split(traces: Sequence[Segment], stations: Stations) -> list[Segment]:
@@ -1143,12 +1131,11 @@ def _placed(
 ) -> Described:
     """Return the site with its sensors in metres east, north and up of the first one."""
     first, origin = next(iter(places.items()))
-    across, along = metres_per_radian(math.radians(origin[0]))
+    plane = TangentPlane(origin=(math.radians(origin[0]), math.radians(origin[1])))
     channels = dict(site.channels)
     sensors = []
     for name, point in places.items():
-        east_deg = (point[1] - origin[1] + 180.0) % 360.0 - 180.0
-        east, north = across * math.radians(east_deg), along * math.radians(point[0] - origin[0])
+        east, north = plane.map_position(math.radians(point[0]), math.radians(point[1]))
         position = (round(east, 3), round(north, 3), round(point[2] - origin[2], 3))
         channels[name] = replace(channels[name], position_m=position)
         sensors.append(Sensor(name, name, *position, channels[name].axis or "z"))
@@ -1159,8 +1146,7 @@ def _placed(
     return replace(
         site,
         channels=channels,
-        geometry=Geometry(sensors=tuple(sensors)),
-        origin=origin,
+        geometry=Geometry(sensors=tuple(sensors), origin=origin),
         remarks=(remark, *_scaled(site, file)),
     )
 

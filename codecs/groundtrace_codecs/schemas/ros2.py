@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..errors import CodecError, FormatError, SchemaError
-from ..signals import NS_PER_S, Channel, Stream
+from ..signals import ACCURACY_SIGMAS, NS_PER_S, Channel, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -387,6 +387,19 @@ KINDS: dict[str, tuple[tuple[str, Channel], ...]] = {
         ("altitude", Channel("altitude", "altitude", "m")),
     ),
 }
+_COVARIANCE = "position_covariance"
+#: What a message may tell besides, by a field that is no number.
+BESIDES: dict[str, tuple[tuple[str, Channel], ...]] = {
+    "sensor_msgs/NavSatFix": (
+        (_COVARIANCE, Channel("horizontal_accuracy", "horizontal_accuracy", "m")),
+    ),
+}
+#: sensor_msgs/NavSatFix: nobody knows the covariance, or it is roughly known.
+_UNKNOWN, _APPROXIMATED = 0, 1
+#: The height of a satellite fix is so much less exact than an axis of its place. Chosen by
+#: judgement: satellites stand above the receiver alone; vertical dilution is 1.5 to 2 times the
+#: horizontal.
+_VERTICAL = 2.0
 
 
 #: Names of fields that are a position's, in degrees and metres, in messages of unknown types.
@@ -411,17 +424,20 @@ class RosSource:
         Paths of the header stamps that may time it, innermost first.
     position
         Fields of a position in a message of unknown type; empty for a known one.
+    besides
+        Those of :data:`BESIDES` that the message has.
     """
 
     kind: str
     prefix: str
     stamps: tuple[str, ...]
     position: tuple[tuple[str, Channel], ...] = ()
+    besides: tuple[tuple[str, Channel], ...] = ()
 
     @property
     def fields(self) -> tuple[tuple[str, Channel], ...]:
         """The paths of the samples and what they are."""
-        return self.position or KINDS[self.kind]
+        return self.position or KINDS[self.kind] + self.besides
 
     @property
     def suffix(self) -> str:
@@ -477,7 +493,8 @@ def _search(definition: Definition, prefix: str, outer: tuple[str, ...]) -> Iter
     if definition.name in KINDS:
         # A schema may call anything an Imu: it is one if it has an Imu's fields.
         if all(_is_number(definition, path) for path, _ in KINDS[definition.name]):
-            yield RosSource(definition.name, prefix, outer)
+            besides = BESIDES.get(definition.name, ()) if _has_covariance(definition) else ()
+            yield RosSource(definition.name, prefix, outer, (), besides)
         return
     for member in definition.fields:
         path = _below(member, prefix)
@@ -494,6 +511,12 @@ def _is_number(definition: Definition, path: str, kinds: str = "iuf") -> bool:
     if field.message is None:
         return not rest and field.primitive[0] in kinds
     return bool(rest) and _is_number(field.message, rest, kinds)
+
+
+def _has_covariance(definition: Definition) -> bool:
+    field = definition.find(_COVARIANCE)
+    matrix = field is not None and field.count == 9 and field.primitive[:1] == "f"
+    return matrix and _is_number(definition, f"{_COVARIANCE}_type", "iu")
 
 
 def _below(field: Field, prefix: str) -> str:
@@ -536,7 +559,7 @@ def read_samples(
 def _from_table(
     source: RosSource, rows: NDArray[np.intp], table: Table, log_ns: NDArray[np.int64]
 ) -> Samples:
-    columns = [table.column(source.prefix + path) for path, _ in source.fields]
+    columns = [_column(table, source.prefix + path) for path, _ in source.fields]
     count = columns[0].shape[1]
     values = np.empty((len(rows), count, len(columns)))
     for i, column in enumerate(columns):
@@ -551,20 +574,44 @@ def _from_table(
     return Samples(times.reshape(-1), values.reshape(-1, len(columns)), rows)
 
 
+def _column(table: Table, path: str) -> NDArray[Any]:
+    """Return a number of every message; of a covariance the accuracy, NaN where it is not told."""
+    if not path.endswith(_COVARIANCE):
+        return table.column(path)
+    estimated = table.column(f"{path}_type") != _UNKNOWN
+    covariance = table.column(path).reshape(*estimated.shape, 9)
+    return np.where(estimated, accuracy_m(covariance[:, :, 0] + covariance[:, :, 4]), np.nan)
+
+
+def accuracy_m(variances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the accuracy [m] of a fix whose two axes have variances of this sum [m2].
+
+    NaN where that is none.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.where(variances > 0, ACCURACY_SIGMAS * np.sqrt(variances / 2), np.nan)
+
+
+def fields_of(kind: str) -> tuple[tuple[str, Channel], ...]:
+    """Return all that a message may tell of a stream."""
+    return KINDS[kind] + BESIDES.get(kind, ())
+
+
 def kind_of(stream: Stream) -> str | None:
     """Return the message that holds exactly the channels of a stream, unscaled, or None."""
     have = sorted((c.quantity, c.axis, c.unit) for c in stream.channels)
     if any(c.scale != 1.0 for c in stream.channels):
         return None
     for kind, fields in KINDS.items():
-        if have == sorted((c.quantity, c.axis, c.unit) for _, c in fields):
-            return kind
+        for complete in (fields, fields_of(kind)):
+            if have == sorted((c.quantity, c.axis, c.unit) for _, c in complete):
+                return kind
     return None
 
 
 def column_order(kind: str, stream: Stream) -> list[int]:
     """Return, for each channel of a stream of that kind, the column of the kind it is."""
-    columns = [(c.quantity, c.axis) for _, c in KINDS[kind]]
+    columns = [(c.quantity, c.axis) for _, c in fields_of(kind)]
     return [columns.index((c.quantity, c.axis)) for c in stream.channels]
 
 
@@ -584,7 +631,7 @@ class RosWriter:
         frame = stream.placement or stream.topic.strip("/")
         self._template = CdrTemplate(definition, {"header.frame_id": [frame]})
         order = column_order(kind, stream)
-        self._columns = [(KINDS[kind][k][0], i) for i, k in enumerate(order)]
+        self._columns = [(fields_of(kind)[k][0], i) for i, k in enumerate(order)]
         self._topic = stream.topic
         have = {path.partition(".")[0] for path, _ in self._columns}
         self._unknown = [
@@ -608,13 +655,28 @@ class RosWriter:
         table.put("header.stamp.sec", seconds[:, None])
         table.put("header.stamp.nanosec", nanos[:, None])
         for path, i in self._columns:
-            table.put(path, values[:, i : i + 1])
+            if path == _COVARIANCE:
+                _put_accuracy(table, values[:, i])
+            else:
+                table.put(path, values[:, i : i + 1])
         # sensor_msgs/Imu: -1 in the first element says that there is no such estimate.
         covariance = np.zeros((len(times_ns), 9))
         covariance[:, 0] = -1.0
         for path in self._unknown:
             table.put(path, covariance)
         return table.payloads()
+
+
+def _put_accuracy(table: Table, accuracy_m: NDArray[Any]) -> None:
+    """Write an accuracy as a covariance, which is unknown where it is none; shape (n,)."""
+    with np.errstate(invalid="ignore"):
+        estimated = accuracy_m > 0
+    variance = np.where(estimated, (accuracy_m / ACCURACY_SIGMAS) ** 2, 0.0)
+    covariance = np.zeros((len(accuracy_m), 9))
+    covariance[:, 0] = covariance[:, 4] = variance
+    covariance[:, 8] = _VERTICAL**2 * variance
+    table.put(_COVARIANCE, covariance)
+    table.put(f"{_COVARIANCE}_type", np.where(estimated, _APPROXIMATED, _UNKNOWN)[:, None])
 
 
 #: Wire types of the primitive fields (little-endian numpy codes without byte order).

@@ -10,13 +10,13 @@ from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 import msgspec
 
 from groundtrace_codecs.events import Fix, StepEvent, TrackPoint
-from groundtrace_codecs.geometry import ORIGIN
+from groundtrace_codecs.geometry import TangentPlane, tangent_plane
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..inertial.steps import TangentPlane, satellite_columns, satellite_fixes
+from ..inertial.steps import satellite_columns, satellite_fixes
 from ..runtime import installed_version
-from .base import Origin, Written, events_of_kind, iso_utc
+from .base import Written, events_of_kind, iso_utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -71,11 +71,9 @@ def earth_of(material: Material) -> Earth:
             f"{material.name}: geometry: expected metres, found an unknown unit of length"
         )
     if material.origin is not None:
-        return _earth_of(material.origin)
-    origin = _imported(material)
-    if origin is not None:
-        return _earth_of(origin)
-    plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+        touched = (material.origin.latitude_rad, material.origin.longitude_rad)
+        return Earth(TangentPlane(origin=touched), material.origin.azimuth_rad)
+    plane = tangent_plane(site)
     _hear_first_fix(material, plane)
     if plane.origin is None:
         raise RecordingError(
@@ -85,25 +83,10 @@ def earth_of(material: Material) -> Earth:
     return Earth(plane)
 
 
-def _earth_of(origin: Origin) -> Earth:
-    plane = TangentPlane((0.0, 0.0), (origin.latitude_rad, origin.longitude_rad))
-    return Earth(plane, origin.azimuth_rad)
-
-
-def _imported(material: Material) -> Origin | None:
-    """Return where the recording says that its zero lies, as an import from StationXML writes."""
-    recording = material.recording()
-    record = {} if recording is None else recording.metadata.get(ORIGIN, {})
-    try:
-        return Origin(*(math.radians(float(record[f"{k}_deg"])) for k in ("latitude", "longitude")))
-    except (KeyError, ValueError):
-        return None
-
-
 def _hear_first_fix(material: Material, plane: TangentPlane) -> None:
     """Let the plane know the first finite fix."""
     recording = material.recording()
-    if recording is None:
+    if recording is None or plane.origin is not None:
         return
     topics = [s.topic for s in recording.streams if satellite_columns(s) is not None]
     if not topics:

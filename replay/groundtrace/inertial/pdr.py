@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from groundtrace_codecs.events import Gap, Heading, Label, Note, Quantity, StepEvent, TrackPoint
+from groundtrace_codecs.geometry import tangent_plane
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..pipeline.gates import Candidates, Level
@@ -26,7 +28,7 @@ from .steps import (
     Barometer,
     BodyHeadingOffset,
     ReckoningParameters,
-    TangentPlane,
+    repeats_of,
     satellite_columns,
     satellite_fixes,
     shape_of,
@@ -231,8 +233,7 @@ class PedestrianDeadReckoning:
         """Take in the known places up to a time."""
         points = []
         while self._places and self._places[0].time_ns <= until_ns:
-            fix = self._places.pop(0)
-            points += track.fix(fix.time_ns, np.array([fix.x_m, fix.y_m]), fix.sigma_m)
+            points += track.fix(self._places.pop(0))
         return points
 
 
@@ -365,7 +366,7 @@ class DeadReckoning(Stage):
         axis: Ahead = p.axis or worn or "walk"  # a left foot is a foot
         length = p.step_length or ("weinberg" if "phone" in self._placement else "fused")
         origin = context.geometry.start or (0.0, 0.0)
-        self._plane = TangentPlane(origin)
+        self._plane = tangent_plane(context.geometry)
         self._reckoner = PedestrianDeadReckoning(replace(p, axis=axis, step_length=length))
         self._reckoner.start(context.stage, context.tracks.next(), origin)
         self._reckoner.update(waypoints_of(context.labels, p.waypoint_m))
@@ -408,7 +409,12 @@ class DeadReckoning(Stage):
     def _know(self, until_ns: int) -> None:
         """Give the reckoner the fixes up to a time."""
         known_ns, self._known_ns = self._known_ns, max(until_ns, self._known_ns)
-        self._reckoner.update([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
+        for before, fix in pairwise([None, *self._fixes]):
+            if fix is None or not known_ns < fix.time_ns <= until_ns:
+                continue
+            apart_s = math.inf if before is None else (fix.time_ns - before.time_ns) / NS_PER_S
+            repeats = repeats_of(apart_s, self.parameters.gnss_s)
+            self._reckoner.update([replace(fix, repeats=repeats)])
 
     def _interrupted(self, gap: Gap) -> None:
         """Begin with a new sensor after a gap; know less of this one's turns after a filled one."""

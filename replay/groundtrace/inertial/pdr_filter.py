@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,17 +23,11 @@ from groundtrace_codecs.signals import NS_PER_S
 from .. import kernels
 from .rotations import wrap_angle
 
+if TYPE_CHECKING:
+    from .steps import PositionReference
+
 #: Of a point without an update by a known place.
 NO_NIS = float("nan")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fix:
-    """A known place, shape (2,) [m], when, and its standard deviation per axis [m]."""
-
-    time_ns: int
-    position: Array
-    sigma_m: float
 
 
 class Track:
@@ -73,7 +67,7 @@ class Track:
         self._settled = self._placed = False
         # what may have to be gone again: strides, and after how many of them fixes came
         self._strides = Strides()
-        self._fixes: list[tuple[int, Fix]] = []
+        self._fixes: list[tuple[int, PositionReference]] = []
         self._knots = TrackHistory()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
 
@@ -116,9 +110,8 @@ class Track:
             self._settled, self._fixes = True, []
         return [self._point(self._knots.moment(-1), before, self.stage), *self._smoothed_batch()]
 
-    def fix(self, time_ns: int, position: Array, sigma_m: float) -> list[TrackPoint]:
-        """Take in where the walker was at a time, shape (2,) [m]; return the point."""
-        fix = Fix(time_ns, position, sigma_m)
+    def fix(self, fix: PositionReference) -> list[TrackPoint]:
+        """Take in where the walker was at a time; return the point."""
         self._placed = True
         self._aim(fix)
         before = self._knots.moment(-1)
@@ -153,7 +146,7 @@ class Track:
             gone = count
         return self._go(gone, self._strides.count)
 
-    def _aim(self, fix: Fix) -> None:
+    def _aim(self, fix: PositionReference) -> None:
         """Turn a track that is lost, and all that is remembered of it, towards a known place."""
         one, knots = self.filter, self._knots
         if one.lost:
@@ -187,12 +180,12 @@ class Track:
             knots.keep_last()
         return before
 
-    def _meet(self, fix: Fix) -> float:
+    def _meet(self, fix: PositionReference) -> float:
         """Take a known place in; return the NIS."""
         one, knots = self.filter, self._knots
         waited = one.wait(max(0, fix.time_ns - self.time_ns) / NS_PER_S)
         knots.add(fix.time_ns, one.state, one.covariance, waited)
-        nis = one.fix(fix.position, fix.sigma_m)
+        nis = one.fix(fix.position, fix.sigma_m * math.sqrt(fix.repeats))
         last = knots.rows[knots.count - 1]
         last["state"], last["covariance"] = one.state, one.covariance
         if not self.smooth_s:

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from groundtrace_codecs.geometry import metres_per_radian
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import ACCURACY, ACCURACY_SIGMAS, NS_PER_S
 
 from .. import kernels
 from ..pipeline.parameters import Updates, gate, measured
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Label, StepEvent
+    from groundtrace_codecs.geometry import TangentPlane
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from .body_motion import Ahead, Axis, LevelFrameMotion
@@ -126,7 +126,18 @@ class ReckoningParameters:
         float, measured("deg", "How far a single step strays from the azimuth.", ge=0)
     ] = 6.0
     waypoint_m: Annotated[float, measured("m", "Standard deviation of a waypoint.", gt=0)] = 1.0
-    gnss_m: Annotated[float, measured("m", "Standard deviation of a satellite fix.", gt=0)] = 5.0
+    gnss_m: Annotated[
+        float,
+        measured("m", "Standard deviation of a satellite fix that does not say its own.", gt=0),
+    ] = 5.0
+    gnss_s: Annotated[
+        float,
+        measured(
+            "s",
+            "Time constant of the errors of satellite fixes: those within it err alike.",
+            gt=0,
+        ),
+    ] = 30.0
     smooth: Annotated[bool, measured("", "Also give the track smoothed, when it ends.")] = True
     smooth_s: Annotated[
         float, measured("s", "Longest piece of a track that is smoothed at once.", gt=0)
@@ -357,12 +368,52 @@ class BodyHeadingOffset:
 
 @dataclass(frozen=True, slots=True)
 class PositionReference:
-    """Where the walker was at a time: ``x_m`` to the east, ``y_m`` to the north [m]."""
+    """Where the walker was at a time.
+
+    Attributes
+    ----------
+    time_ns
+        When.
+    x_m, y_m
+        Where, to the east and to the north [m].
+    sigma_m
+        Standard deviation, per axis [m].
+    repeats
+        How many in a row err alike: together they tell as much as one.
+    """
 
     time_ns: int
     x_m: float
     y_m: float
     sigma_m: float
+    repeats: float = 1.0
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Where, shape (2,) [m]."""
+        return np.array([self.x_m, self.y_m])
+
+
+def repeats_of(apart_s: float, lasting_s: float) -> float:
+    """Return how many fixes in a row err alike where errors are a Gauss-Markov process.
+
+    The mean of N such errors has the variance of one over 1 + (N - 1) (1 - rho) / (1 + rho), where
+    rho is the correlation of neighbours (first-order autoregression).
+
+    Parameters
+    ----------
+    apart_s
+        Time since the fix before [s].
+    lasting_s
+        Time constant of the errors [s].
+    """
+    correlation = math.exp(-max(apart_s, 0.0) / lasting_s)
+    return (1 + correlation) / max(1 - correlation, _LEAST_NEW)
+
+
+#: A fix tells so much anew at least, as a part: it bounds how little one of the same moment counts.
+#: Chosen by judgement: a thousandth of a time constant.
+_LEAST_NEW = 1e-3
 
 
 def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[PositionReference]:
@@ -374,45 +425,6 @@ def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[PositionRefere
     ]
 
 
-@dataclass(slots=True)
-class TangentPlane:
-    """Turns latitude and longitude into metres east and north of the first fix.
-
-    Attributes
-    ----------
-    at
-        Where the first fix lies on the map [m].
-    origin
-        Its latitude and longitude [rad]; None before.
-    """
-
-    at: tuple[float, float] = (0.0, 0.0)
-    origin: tuple[float, float] | None = None
-
-    def map_position(self, latitude: float, longitude: float) -> tuple[float, float]:
-        """Return the place of a fix on the map [m]; angles in rad."""
-        if self.origin is None:
-            self.origin = (latitude, longitude)
-        start, meridian = self.origin
-        across, along = metres_per_radian(start)
-        east_rad = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
-        return self.at[0] + across * east_rad, self.at[1] + along * (latitude - start)
-
-    def position(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return latitude and longitude of a place on the map [rad]; the first fix comes before.
-
-        Raises
-        ------
-        ValueError
-            Before the first fix.
-        """
-        if self.origin is None:
-            raise ValueError("plane: expected a first fix, found none")
-        start, meridian = self.origin
-        across, along = metres_per_radian(start)
-        return start + (y_m - self.at[1]) / along, meridian + (x_m - self.at[0]) / across
-
-
 def satellite_columns(stream: Stream) -> tuple[int, int] | None:
     """Return the columns of latitude and longitude, or None."""
     columns = [stream.columns_of({name}) for name in ("latitude", "longitude")]
@@ -422,15 +434,20 @@ def satellite_columns(stream: Stream) -> tuple[int, int] | None:
 def satellite_fixes(
     block: SignalBlock, plane: TangentPlane, sigma_m: float
 ) -> list[PositionReference]:
-    """Return the finite fixes of a block of degrees."""
+    """Return the finite fixes of a block of degrees, each as exact as it says, else as given."""
     columns = satellite_columns(block.stream)
     if columns is None:
         return []
     degrees = np.radians(block.values[:, list(columns)])
+    columns_of_accuracy = block.stream.columns_of(ACCURACY)
+    accuracy = np.full(len(block), np.nan)
+    if columns_of_accuracy:
+        accuracy = block.values[:, columns_of_accuracy[0]]
+    sigmas = np.where(accuracy > 0, accuracy / ACCURACY_SIGMAS, sigma_m)
     times = block.sample_times().tolist()
     return [
-        PositionReference(time_ns, *plane.map_position(float(lat), float(lon)), sigma_m)
-        for time_ns, (lat, lon) in zip(times, degrees, strict=True)
+        PositionReference(time_ns, *plane.map_position(float(lat), float(lon)), sigma)
+        for time_ns, (lat, lon), sigma in zip(times, degrees, sigmas.tolist(), strict=True)
         if math.isfinite(lat + lon)
     ]
 

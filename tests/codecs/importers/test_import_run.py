@@ -177,7 +177,7 @@ def test_a_gap_between_shots_survives_in_the_recording(tmp_path: Path) -> None:
 def test_files_nobody_knows_are_refused_with_the_formats_known(tmp_path: Path) -> None:
     path = tmp_path / "a.xyz"
     path.write_bytes(b"?")
-    with pytest.raises(FormatError, match=r"a.xyz: expected a format of audio, csv, hdf5, "):
+    with pytest.raises(FormatError, match=r"a.xyz: expected a format of audio, csv, getsens"):
         choose([path])
     with pytest.raises(FormatError, match=r"--format: expected one of audio, csv, .*, found 'wav'"):
         choose([path], "wav")

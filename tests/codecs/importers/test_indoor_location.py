@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import FormatError, SchemaError
-from groundtrace_codecs.importers.phone import IndoorLocationImporter
+from groundtrace_codecs.importers.phone_logs import IndoorLocationImporter
 from groundtrace_codecs.importers.run import choose, import_recording
 from groundtrace_codecs.recording import Recording
 
@@ -84,13 +84,15 @@ def test_a_trace_without_waypoints_starts_nowhere(tmp_path: Path) -> None:
     [
         (line(1000, "TYPE_GYROSCOPE", 1, 2), "expected 3 values, found 2"),
         (line(1000, "TYPE_WAYPOINT", "x", 2), "expected numbers"),
-        ("9" * 18 + "\tTYPE_WAYPOINT\t1\t2\n", "expected a unix time in ms"),
-        ("-1\tTYPE_WAYPOINT\t1\t2\n", "expected a unix time in ms"),
+        ("9" * 18 + "\tTYPE_WAYPOINT\t1\t2\n", "expected a time since 1970, found 9"),
+        ("-1\tTYPE_WAYPOINT\t1\t2\n", "expected a time since 1970, found -1"),
     ],
 )
-def test_a_broken_line_is_named(tmp_path: Path, more: str, words: str) -> None:
-    with pytest.raises(FormatError, match=rf"trace.txt: line 205: {words}"):
-        IndoorLocationImporter().read([trace(tmp_path, more=more)], None)
+def test_a_broken_line_is_left_out_and_counted(tmp_path: Path, more: str, words: str) -> None:
+    found = IndoorLocationImporter().read([trace(tmp_path, more=more)], None)
+    assert len(found.labels) == 2
+    (warning,) = found.warnings
+    assert warning.startswith(f"1 broken line was left out: line 205: {words}")
 
 
 def test_a_file_without_an_accelerometer_is_no_trace(tmp_path: Path) -> None:

@@ -67,15 +67,15 @@ def read(*paths: Path) -> Imported:
 
 def walk() -> dict[str, str]:
     baro = [f"{START_NS + k * 10**9},{k},0.0,1013.{k}" for k in range(5)]
-    fixes = [f"{START_NS + k * 10**9},{k},1.0,0.0,500.0,11.5,48.{k}" for k in range(5)]
+    fixes = [f"{START_NS + k * 10**9},{k},{k + 3.5},1.0,0.0,500.0,11.5,48.{k}" for k in range(5)]
     return {
         "TotalAcceleration.csv": still(1.0, 2.0, 9.5),
         "Accelerometer.csv": still(1.0, 2.0, -0.3),
         "Gyroscope.csv": still(0.1, 0.2, 0.3),
         "Magnetometer.csv": still(20.0, 0.0, -40.0),
         "Barometer.csv": "time,seconds_elapsed,relativeAltitude,pressure\n" + "\n".join(baro),
-        "Location.csv": "time,seconds_elapsed,speed,bearing,altitude,longitude,latitude\n"
-        + "\n".join(fixes),
+        "Location.csv": "time,seconds_elapsed,horizontalAccuracy,speed,bearing,altitude,longitude,"
+        "latitude\n" + "\n".join(fixes),
         "Pedometer.csv": f"time,seconds_elapsed,steps\n{START_NS},0,3\n",
         "Annotation.csv": f"time,seconds_elapsed,text,millisecond_press_duration\n"
         f"{START_NS + 10**8},0.1,turned,200\n",
@@ -104,7 +104,7 @@ def test_sensor_logger_gives_axes_by_name_units_and_the_gap(tmp_path: Path, kind
     np.testing.assert_allclose(blocks["/gyro/phone"][0].values[0], [0.1, 0.2, 0.3])
     np.testing.assert_allclose(blocks["/mag/phone"][0].values[0], [20e-6, 0, -40e-6])
     np.testing.assert_allclose(blocks["/baro/phone"][0].values[0], [101300.0])
-    np.testing.assert_allclose(blocks["/fix/phone"][0].values[0], [48.0, 11.5, 500.0])
+    np.testing.assert_allclose(blocks["/fix/phone"][0].values[0], [48.0, 11.5, 500.0, 3.5])
 
 
 @pytest.mark.parametrize(("metadata", "z_mps2"), [(ANDROID, 9.5), (IOS, -9.5), (IOS_STANDARD, 9.5)])
@@ -205,7 +205,16 @@ def test_a_table_of_places_is_a_fix(tmp_path: Path) -> None:
     (tmp_path / "Location.csv").write_text(head + "0,48.1,11.5,500,1\n1,48.2,11.5,501,1\n")
     found = read(tmp_path / "Location.csv")
     assert list(streams(found)) == ["/fix/phone"]
+    assert len(found.sources[0][0].channels) == 3
     assert "no meta/time.csv: times count from the start of the experiment" in found.warnings
+
+
+def test_a_fix_says_how_exact_it_is(tmp_path: Path) -> None:
+    head = '"Time (s)","Latitude (°)","Longitude (°)","Height (m)","Horizontal Accuracy (m)"\n'
+    (tmp_path / "Location.csv").write_text(head + "0,48.1,11.5,500,4.5\n1,48.2,11.5,501,6\n")
+    stream, _, blocks = read(tmp_path / "Location.csv").sources[0]
+    (column,) = stream.columns_of({"horizontal_accuracy"})
+    assert np.concatenate([b.values[:, column] for b in blocks]).tolist() == [4.5, 6.0]
 
 
 def test_other_tables_and_archives_are_not_phones(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from scipy.io import savemat
 from seg2_files import write_shot
 
 from groundtrace_codecs import Recording
-from groundtrace_codecs.importers import phone, seismic, stored
+from groundtrace_codecs.importers import phone_logs, seismic, stored
 from groundtrace_codecs.importers.base import fit
 from groundtrace_codecs.importers.map import sample_format
 from groundtrace_codecs.importers.run import import_recording
@@ -218,7 +218,7 @@ def test_an_import_in_pieces_is_that_of_the_whole(
         file.write_bytes(seed)
         for size in (1 << 20, 4, 1):
             monkeypatch.setattr(stored, "PIECE", size)
-            monkeypatch.setattr(phone, "PIECE", size)
+            monkeypatch.setattr(phone_logs, "PIECE", size)
             monkeypatch.setattr(seismic, "_SEG2_SAMPLES", 4 * size)
             out = tmp_path / f"{target}-{size}.mcap"
             found.append((import_recording([file], out, force=True), recorded(out)))

@@ -88,7 +88,8 @@ def test_counts_become_metres_per_second_as_obspy_makes_them(tmp_path: Path) -> 
     for trace in traces.remove_sensitivity(stations):
         np.testing.assert_allclose(values[trace.id], trace.data, rtol=1e-12)
     assert "47.737167, 12.795714 at 860 m" in report.remarks[0]
-    assert opened.metadata["groundtrace.origin"]["latitude_deg"] == "47.737167"
+    assert opened.geometry is not None
+    assert opened.geometry.origin == (47.737167, 12.795714, 860.0)
     assert [a.name for a in opened.file.attachments if a.media_type == "application/xml"] == [
         "bw.xml"
     ]

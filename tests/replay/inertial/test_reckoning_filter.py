@@ -17,6 +17,7 @@ from groundtrace.inertial.pdr_filter import (
     Stride,
     Track,
 )
+from groundtrace.inertial.steps import PositionReference, repeats_of
 from groundtrace_codecs.signals import NS_PER_S
 
 NOISE = ReckoningNoise(drift=0.002, mount=0.1, length=0.15, scale=0.1, way=0.1)
@@ -84,7 +85,7 @@ def test_a_known_place_turns_the_rest_of_the_walk() -> None:
     along = track(walker())
     walk(along, 20)
     azimuth = 0.15
-    along.fix(at(20), 14 * np.array([math.cos(azimuth), math.sin(azimuth)]), 0.3)
+    along.fix(PositionReference(at(20), 14 * math.cos(azimuth), 14 * math.sin(azimuth), 0.3))
     assert along.filter.azimuth(0.0) == pytest.approx(azimuth, abs=0.02)
     assert along.filter.state[SCALE] == 0
 
@@ -92,7 +93,7 @@ def test_a_known_place_turns_the_rest_of_the_walk() -> None:
 def test_known_places_calibrate_the_lengths_only_where_they_may() -> None:
     along = track(walker(learns=True))
     walk(along, 40)
-    along.fix(at(40), np.array([40 * 0.7 * 1.15, 0.0]), 0.1)
+    along.fix(PositionReference(at(40), 40 * 0.7 * 1.15, 0.0, 0.1))
     assert math.exp(along.filter.state[SCALE]) == pytest.approx(1.15, abs=0.02)
 
 
@@ -101,7 +102,7 @@ def test_smoothing_brings_a_known_place_back_to_the_steps_before_it() -> None:
     walk(along, 20)
     azimuth = 0.2
     true = 0.7 * np.outer(np.arange(21), [math.cos(azimuth), math.sin(azimuth)])
-    along.fix(at(20), true[20], 0.1)
+    along.fix(PositionReference(at(20), *true[20], 0.1))
     points = along.flush()
     assert {p.stage for p in points} == {"track.smoothed"}
     found = np.array([(p.x_m, p.y_m) for p in points[:21]])
@@ -114,7 +115,7 @@ def test_a_walk_whose_direction_nothing_told_is_turned_towards_the_first_known_p
     along = track(walker(offset=None))
     walk(along, 20)
     assert along.filter.lost
-    along.fix(at(20), np.array([-13.0, 5.0]), 1.0)
+    along.fix(PositionReference(at(20), -13.0, 5.0, 1.0))
     assert not along.filter.lost
     expected = math.atan2(5.0, -13.0)
     assert math.cos(along.filter.azimuth(0.0) - expected) > math.cos(0.1)
@@ -185,8 +186,8 @@ def test_a_direction_that_nothing_tells_is_in_the_spread_until_a_place_tells_it(
     assert point.x_m == other.x_m
     added = np.subtract(point.covariance, other.covariance)
     assert added == pytest.approx([0.0, 0.0, (10.0 * math.radians(10.0)) ** 2])
-    (known,) = made.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
-    (same,) = plain.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
+    (known,) = made.fix(PositionReference(11 * NS_PER_S, 10.0, 0.0, 1.0))
+    (same,) = plain.fix(PositionReference(11 * NS_PER_S, 10.0, 0.0, 1.0))
     assert known.covariance == pytest.approx(same.covariance)
 
 
@@ -199,8 +200,8 @@ def test_so_is_an_axis_that_the_walk_has_not_told_yet_for_as_long_as_it_has_not(
         added = np.subtract(point.covariance, other.covariance)
         sigma_rad = 0.3 if second < 10 else 0.1
         assert added == pytest.approx([0.0, 0.0, (second * sigma_rad) ** 2])
-    (known,) = made.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
-    (same,) = plain.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
+    (known,) = made.fix(PositionReference(11 * NS_PER_S, 10.0, 0.0, 1.0))
+    (same,) = plain.fix(PositionReference(11 * NS_PER_S, 10.0, 0.0, 1.0))
     assert known.covariance == pytest.approx(same.covariance)
 
 
@@ -214,3 +215,28 @@ def test_a_turn_that_lost_samples_hid_widens_the_way_after_it() -> None:
                 aside = point.covariance[2]
     added = aside - point.covariance[2]
     assert added == pytest.approx(10.0**2 * 0.01, rel=0.01)
+
+
+@pytest.mark.parametrize("apart_s", [1.0, 10.0, 100.0])
+def test_fixes_that_err_alike_tell_together_what_their_mean_does(apart_s: float) -> None:
+    """The variance of the mean of a Gauss-Markov process, which the filter has after N fixes."""
+    lasting_s, count, sigma_m = 30.0, 40, 6.0
+    moments = apart_s * np.arange(count)
+    correlation = np.exp(-np.abs(moments[:, None] - moments) / lasting_s)
+    weights = np.linalg.solve(correlation, np.ones(count))
+    exact_m2 = sigma_m**2 / weights.sum()
+    standing = ReckoningFilter(NOISE, np.zeros(2), 1e6, learns_scale=False)
+    repeats = [1.0] + [repeats_of(apart_s, lasting_s)] * (count - 1)
+    for each in repeats:
+        standing.fix(np.zeros(2), sigma_m * math.sqrt(each))
+    assert float(standing.covariance[0, 0]) == pytest.approx(exact_m2, rel=1e-6)
+
+
+def test_a_fix_that_repeats_moves_a_track_less() -> None:
+    moved = []
+    for repeats in (1.0, 60.0):
+        made = track(walker())
+        made.step(Stride(NS_PER_S, 1.0, 0.0, None, 0.0), 0.0, settled=True)
+        (point,) = made.fix(PositionReference(NS_PER_S, 5.0, 0.0, 0.5, repeats))
+        moved.append(point.x_m - 1.0)
+    assert 0 < moved[1] < moved[0] / 2

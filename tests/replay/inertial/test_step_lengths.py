@@ -14,13 +14,13 @@ from groundtrace.inertial.steps import (
     Barometer,
     ReckoningParameters,
     StepShape,
-    TangentPlane,
     shape_of,
     step_length,
     waypoints_of,
 )
 from groundtrace.pipeline.parameters import given_waypoints
 from groundtrace_codecs.events import Label
+from groundtrace_codecs.geometry import TangentPlane
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 P = ReckoningParameters()

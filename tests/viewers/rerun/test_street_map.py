@@ -8,8 +8,8 @@ import pytest
 import rerun.blueprint as rrb
 from viewer_sessions import START_NS, at, read_back, room_session
 
-from groundtrace.inertial.steps import TangentPlane
 from groundtrace_codecs.events import Label, StageSpec, TrackPoint
+from groundtrace_codecs.geometry import TangentPlane
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_viewers.rerun.blueprint import blueprint
 from groundtrace_viewers.rerun.sink import RerunSink

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, TrackPoint
+from groundtrace_codecs.geometry import tangent_plane
 from groundtrace_codecs.signals import SignalBlock
 
 from .context import View
@@ -32,10 +33,10 @@ from .timeline import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from groundtrace.inertial.steps import PositionReference, TangentPlane
+    from groundtrace.inertial.steps import PositionReference
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Label
-    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.geometry import TangentPlane
 
     from .context import ViewContext
     from .timeline import Bounds
@@ -57,13 +58,6 @@ ROUND, LONGEST = (5.0, 2.0, 1.0), 0.2
 BAR_UP = 1.05
 
 
-def _plane(site: Geometry | None) -> TangentPlane:
-    """Return the plane of a walk, which touches the earth where the site says that it starts."""
-    from groundtrace.inertial.steps import TangentPlane
-
-    return TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
-
-
 def _satellite_fixes(block: SignalBlock, plane: TangentPlane) -> list[PositionReference]:
     """Return the satellite fixes of a block; none where it is of something else."""
     from groundtrace.inertial.steps import satellite_columns, satellite_fixes
@@ -79,7 +73,7 @@ class WalkMap(View):
         timeline, session = context.timeline, context.session
         self._timeline = timeline
         site = session.geometry
-        self._plane = _plane(site)
+        self._plane = tangent_plane(site)
         self._points: list[tuple[float, float]] = []
         self._true: list[Label] = []
         self._passed: dict[str, list[TrackPoint]] = {}
@@ -286,7 +280,7 @@ class StreetMap(View):
         session = context.session
         site = session.geometry
         self._timeline = context.timeline
-        self._plane = _plane(site)
+        self._plane = tangent_plane(site)
         self._tracks: dict[str, list[TrackPoint]] = {}
         placed = sorted(x for x in session.labels if x.x_m is not None and x.y_m is not None)
         by_kind: dict[str, Places] = {}
