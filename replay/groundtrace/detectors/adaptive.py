@@ -8,7 +8,8 @@ knows the place, by its rhythm:
    (``.dsp.periodicity``).
 2. It is filtered by the step time that this gives (``StepBand``).
 3. Local maxima are candidates; a step is one that rises far enough, is the highest within half a
-   step time, and stands in a rhythm.
+   step time, stands in a rhythm, and is not of a sensor that somebody turns about: a sensor on a
+   walker is turned against gravity as before after each stride.
 
 Where the rhythm is asked for at the trunk, the initial contact lies on the rise: the vertical
 acceleration turns upward before it and peaks 50 to 100 ms after it (Zijlstra and Hof, Gait &
@@ -106,6 +107,10 @@ class AdaptiveParameters:
     rhythm: Annotated[float, gate("1", "Least strength of the rhythm around it.", ge=0, le=1)] = (
         0.38
     )
+    tilt: Annotated[
+        float,
+        gate("deg", "Most turn against gravity in 2 s, the median of 8 s around it.", ge=0, le=180),
+    ] = 25.0
     score: Annotated[float, gate("1", "Least score, where steps are told by it.", ge=0, le=1)] = 0.4
     apart: Annotated[
         float, gate("1", "Least time to a higher likeness, in step times.", ge=0, le=APART_STEPS)
@@ -145,7 +150,10 @@ class Method(Protocol):
 
 
 class ByRhythm:
-    """A step is a peak that rises far enough, dominates its step time, and keeps the rhythm."""
+    """A step is a peak that rises far enough, dominates its step time, and keeps the rhythm.
+
+    It is none where the sensor is being handled.
+    """
 
     columns: tuple[Quantity, ...] = (
         Quantity("height", "m/s2"),
@@ -154,30 +162,42 @@ class ByRhythm:
         Quantity("dominance", "1"),
         Quantity("rhythm", "1"),
         Quantity("step_time", "s"),
+        Quantity("tilt", "deg"),
     )
     gates: tuple[Gate, ...] = (
         Level("swing", "m/s2", "swing"),
         Level("share", "1", "share"),
         Level("dominance", "1", "dominance"),
         Level("rhythm", "1", "rhythm"),
+        Level("tilt", "deg", "tilt", at_least=False),
     )
 
     def __init__(self, parameters: AdaptiveParameters, *, trunk: bool, fine: bool) -> None:
         scales = _TRUNK_SCALES if trunk else _OTHER_SCALES
         self._band = StepBand(scales, parameters.ahead_s, fine=fine)
         self._peaks = Peaks(parameters.floor, parameters.rise if trunk else 0.0)
+        self._tilt = Tilting(parameters.ahead_s)
 
     def __call__(self, part: UpwardPart) -> Detection:
         """Follow the rhythm; a maximum waits until its surroundings are complete."""
+        self._tilt.add(part.gravity)
         followed = self._band(part.up)
-        return Detection(followed.band, followed.band, self._peaks(followed))
+        return self._detection(followed, self._peaks(followed))
 
     def flush(self, part: UpwardPart) -> Detection:
         """Judge what waited for more by what there is."""
+        self._tilt.add(part.gravity)
         ends = self._band(part.up), self._band.flush()
         followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
-        peaks = np.concatenate([self._peaks(followed), self._peaks.flush()])
-        return Detection(followed.band, followed.band, peaks)
+        return self._detection(
+            followed, np.concatenate([self._peaks(followed), self._peaks.flush()])
+        )
+
+    def _detection(self, followed: Followed, peaks: NDArray[np.float64]) -> Detection:
+        tilts = [self._tilt.around(round(point)) for point in peaks[:, 0].tolist()]
+        rows = np.column_stack([peaks, np.array(tilts, np.float64)])
+        self._tilt.discard_before(self._peaks.next - _BACK)
+        return Detection(followed.band, followed.band, rows)
 
 
 class ByScore:
@@ -491,6 +511,64 @@ class StepBand:
         return Followed(*bands)
 
 
+#: A turn against gravity is looked at over so long [s]. Chosen by judgement: as long as a slow
+#: stride, after which a sensor on a walker is turned as before.
+_TURN_S = 2.0
+#: Its median is taken over so long before and after a peak, together as long as the rhythm's first
+#: window [s]. Chosen by judgement: who puts a phone away while walking turns it for a moment.
+_TURNS_BEFORE_S, _TURNS_AFTER_S = 3.0, 5.0
+#: Points of the grid between two turns. Source: definition: ten a second of gravity, which an
+#: average of a second has smoothed.
+_TURN_HOP = 5
+
+
+class Tilting:
+    """Measures how far a sensor turns against gravity.
+
+    Parameters
+    ----------
+    ahead_s
+        How far ahead of a peak gravity is known [s].
+    """
+
+    def __init__(self, ahead_s: float) -> None:
+        self._after = round(min(_TURNS_AFTER_S, ahead_s) * GRID_HZ)
+        self._before = round(_TURNS_BEFORE_S * GRID_HZ)
+        self._turns = ColumnBuffer()
+        self._points = 0
+        self._past = np.empty((0, 0))  # gravity of the last two seconds, a column each hop
+
+    def add(self, gravity: NDArray[np.float64]) -> None:
+        """Take gravity, shape (n_axes, n) [m/s2]; a magnitude has no axes, and turns nowhere."""
+        first = -self._points % _TURN_HOP
+        self._points += gravity.shape[1]
+        directions = gravity[:, first::_TURN_HOP]
+        length = np.sqrt((directions * directions).sum(axis=0))
+        directions = directions / np.maximum(length, np.finfo(np.float64).tiny)
+        back = round(_TURN_S * GRID_HZ) // _TURN_HOP
+        if not self._past.shape[1]:
+            self._past = np.repeat(directions[:, :1], back, axis=1)
+        directions_since = np.concatenate([self._past, directions], axis=1)
+        count = directions.shape[1]
+        cosine = (
+            (directions_since[:, back:] * directions_since[:, :count]).sum(axis=0)
+            if len(directions_since)
+            else np.ones(count)
+        )
+        self._turns.add(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))[None, :])
+        self._past = directions_since[:, -back:]
+
+    def around(self, point: int) -> float:
+        """Return the median turn around a point of the grid [deg]."""
+        first = max(point - self._before, 0) // _TURN_HOP
+        turns = self._turns.between(first, (point + self._after) // _TURN_HOP + 1)
+        return float(np.median(turns)) if turns.size else 0.0
+
+    def discard_before(self, point: int) -> None:
+        """Forget what no peak from a point of the grid on is measured by."""
+        self._turns.discard_before((point - self._before) // _TURN_HOP)
+
+
 #: A valley belongs to the peak that follows it within this many step times. Chosen by judgement: a
 #: fifth more than a step, so that an uneven one has its valley.
 _VALLEY_STEPS = 1.2
@@ -523,20 +601,25 @@ class Peaks:
         Lowest peak [m/s2].
     rise
         Part of the rise from valley to peak at which a step is timed; 0 times it at the peak.
+
+    Attributes
+    ----------
+    next
+        The first point that may be a peak yet.
     """
 
     def __init__(self, floor: float, rise: float) -> None:
         self.floor = floor
         self.rise = rise
         self._points = ColumnBuffer(5)
-        self._next = 1  # a maximum has a neighbour on either side
+        self.next = 1  # a maximum has a neighbour on either side
         self._last = 0.0  # place of the peak before
 
     def __call__(self, followed: Followed) -> NDArray[np.float64]:
         """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
         self._points.add(np.stack(followed))
         peaks = self._until(self._points.end - _AHEAD)
-        self._points.discard_before(self._next - _BACK)
+        self._points.discard_before(self.next - _BACK)
         return peaks
 
     def flush(self) -> NDArray[np.float64]:
@@ -544,9 +627,9 @@ class Peaks:
         return self._until(self._points.end - 1)
 
     def _until(self, end: int) -> NDArray[np.float64]:
-        if end <= self._next:
+        if end <= self.next:
             return np.empty((0, len(COLUMNS)))
-        span, self._next = (self._next, end), end
+        span, self.next = (self.next, end), end
         peaks = kernels.steps.peaks(
             self._points.contiguous(),
             self._points.first,

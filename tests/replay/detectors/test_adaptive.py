@@ -132,6 +132,25 @@ def test_the_rhythm_keeps_most_of_what_is_no_walk_out(movement, part):
     assert sum(counted(movement, seed) for seed in range(8)) < part * peaks
 
 
+def test_a_sensor_that_is_turned_about_in_the_hand_takes_no_steps():
+    """A figure of eight, as a compass is calibrated by, shakes as regularly as a walk does."""
+    t = np.arange(30 * 50) / 50.0
+    force = np.column_stack([0 * t, 0 * t, G + 2.0 * np.sin(2 * np.pi * 1.8 * t)])
+    about = 1.2 * np.sin(2 * np.pi * t / 5.0)
+    turned = Rotation.from_rotvec(np.outer(about, [1.0, 0.3, 0.0])).apply(force)
+    assert len(steps_of(force, 50.0, "phone")) >= 50
+    assert len(steps_of(turned, 50.0, "phone", tilt=180.0)) >= 25
+    times = steps_of(turned, 50.0, "phone")
+    assert not (times > 2.0).any()  # before, nobody knows how it was turned
+
+
+def test_who_puts_a_phone_away_while_walking_loses_no_step():
+    force = walking(50.0, duration_s=40.0)
+    quarter = np.clip(np.arange(len(force)) / 50.0 - 20.0, 0, 1) * np.pi / 2
+    turned = Rotation.from_rotvec(np.outer(quarter, [1.0, 0.0, 0.0])).apply(force)
+    assert abs(len(steps_of(turned, 50.0, "phone")) - len(steps_of(force, 50.0, "phone"))) <= 2
+
+
 def test_the_placement_may_be_given_where_the_recording_lacks_it():
     force = walking(50.0, duration_s=13.0)  # six steps
     said = steps_of(force, 50.0, "", placement="waist")
