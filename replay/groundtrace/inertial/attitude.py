@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 #: Rows of the error state: field of the iron, field of the earth. Source:
 #: definition.
-IRON, EARTH = slice(9, 12), slice(12, 14)
+BIAS, IRON, EARTH = slice(6, 9), slice(9, 12), slice(12, 14)
 #: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
 #: Chosen by judgement: two samples at 100 Hz.
 DELAY_PRIOR = (1e-6 / 0.02) ** 2
@@ -123,6 +123,11 @@ class Attitude:
         return np.array(self.state["gyro_bias"])
 
     @property
+    def bias_sigma(self) -> Array:
+        """Its standard deviations, shape (3,) [rad/s]."""
+        return np.sqrt(np.diag(self.state["covariance"])[BIAS])
+
+    @property
     def earth(self) -> Array:
         """Field of the earth: north and up, shape (2,) [T]; NaN until there was one."""
         return np.array(self.state["earth_field"])
@@ -167,6 +172,11 @@ class Attitude:
         """Take a field for the earth's, by its horizontal and vertical part [T]."""
         self.state["earth_field"] = north_t, up_t
         self.reset(EARTH, np.eye(2) * sigma_t**2)
+
+    def take_bias(self, bias: Array, sigma: Array) -> None:
+        """Take the gyroscope's bias to be another one, with standard deviations, shape (3,)."""
+        self.state["gyro_bias"] = bias
+        self.reset(BIAS, np.diag(sigma**2))
 
     def reset_heading(self, sigma_rad: float) -> None:
         """Take the heading to be known to ``sigma_rad``, by what this filter does not see."""

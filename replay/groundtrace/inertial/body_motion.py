@@ -143,8 +143,18 @@ class LevelFrameTracker:
 
     def add(self, samples: Samples) -> None:
         """Take samples of any number."""
-        self._waiting = [Samples.joined([*self._waiting, samples])]
-        self._take(self._estimator.add(_without_field(samples)))
+        frames = self._estimator.add(_without_field(samples))
+        self._waiting = [Samples.joined([*self._waiting, self._less_sure(samples)])]
+        self._take(frames)
+
+    def _less_sure(self, samples: Samples) -> Samples:
+        """Return samples with how far the sensor may have turned where its bias became another."""
+        turned_rad2, self._estimator.turned_rad2 = self._estimator.turned_rad2, {}
+        if not turned_rad2:
+            return samples
+        unseen = samples.unseen.copy()
+        unseen[samples.time_ns.searchsorted(list(turned_rad2)), :3] += list(turned_rad2.values())
+        return replace(samples, unseen=unseen)
 
     def flush(self) -> None:
         """Take in what was held back."""

@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from turning_sensor import RATE_HZ, Turning, errors_deg, run, turning
 
 from groundtrace.inertial.attitude import HeadingParameters
+from groundtrace.inertial.frames import Samples
 from groundtrace.inertial.heading import HeadingEstimator
 from groundtrace.inertial.magnetometer import COLUMNS
 from groundtrace.inertial.rotations import headings_of
+from groundtrace_codecs.signals import NS_PER_S
 
 #: The columns that are headings by one kind of sensor.
 SOURCES = ("gyroscope", "compass")
@@ -167,3 +170,47 @@ def test_the_gyroscope_alone_learns_nothing_of_the_compass() -> None:
     assert np.nanmax(np.abs(gyroscope)) > 10.0
     found = run(unrested)
     assert rmse(errors_deg(unrested, found)[found.sigma < np.pi]) < 4.0
+
+
+#: Of the bias in the sensor's axes.
+AXIS = np.array([0.6, -0.6, 0.5])
+
+
+def held(bias_dps: float, seed: int = 0) -> Samples:
+    """Twenty seconds in a hand that stands; its tremor turns the sensor by a third of a degree."""
+    count, rng = round(20 * RATE_HZ), np.random.default_rng(seed)
+    angle = gaussian_filter1d(rng.standard_normal((count, 3)), RATE_HZ / 5, axis=0)
+    angle *= 0.005 / angle.std()
+    rate = np.gradient(angle, 1 / RATE_HZ, axis=0) + np.radians(bias_dps) * AXIS
+    up = np.array([0.0, 5.6, 8.05])
+    force = up + np.cross(up, angle) + rng.normal(0, 0.05, (count, 3))
+    time_ns = np.rint(np.arange(count) / RATE_HZ * NS_PER_S).astype(np.int64)
+    return Samples(time_ns, rate, force, np.full((count, 3), np.nan), np.zeros((count, 6)))
+
+
+def test_quiet_seconds_in_a_hand_tell_a_bias_that_no_rest_does() -> None:
+    samples = held(4.0)
+    estimator = HeadingEstimator(HeadingParameters(), RATE_HZ)
+    frames = estimator.add(samples)
+    assert not any(frame.resting for frame in frames)
+    true = np.radians(4.0) * AXIS
+    assert frames[-1].bias == pytest.approx(true, abs=np.radians(0.4))
+    (turned,) = estimator.turned_rad2.values()
+    assert np.degrees(np.sqrt(turned)).max() > 5  # before, nobody knew
+    cut = HeadingEstimator(HeadingParameters(), RATE_HZ)
+    parts = [cut.add(samples.rows(at, at + 37)) for at in range(0, len(samples), 37)]
+    assert [f for part in parts for f in part][-1].bias.tolist() == frames[-1].bias.tolist()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_gyroscope_without_a_bias_gets_none_by_a_tremor(seed: int) -> None:
+    frames = HeadingEstimator(HeadingParameters(), RATE_HZ).add(held(0.0, seed))
+    assert frames[-1].bias == pytest.approx([0, 0, 0], abs=np.radians(0.4))
+
+
+def test_a_slow_turn_of_some_seconds_is_no_bias() -> None:
+    samples = held(0.0)
+    turns = (samples.time_ns >= 4 * NS_PER_S) & (samples.time_ns < 8 * NS_PER_S)
+    rate = samples.rate + np.radians(8.0) * turns[:, None] * np.array([0.0, 0.57, 0.82])
+    frames = HeadingEstimator(HeadingParameters(), RATE_HZ).add(replace(samples, rate=rate))
+    assert frames[-1].bias == pytest.approx([0, 0, 0], abs=np.radians(0.5))
