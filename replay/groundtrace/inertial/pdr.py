@@ -32,6 +32,7 @@ from .steps import (
     satellite_columns,
     satellite_fixes,
     shape_of,
+    stair_length,
     step_length,
     waypoints_of,
 )
@@ -73,7 +74,8 @@ class PedestrianDeadReckoning:
     mean; one that is no walk is not taken. ``swing``, ``rise`` and ``interval``, from the peak to
     its end, are what the models of length look at, ``azimuth`` is the step's, counter-clockwise
     from x, ``off`` how far its magnetic field is from the usual one, ``height`` that over the start
-    by the barometer.
+    and ``riser`` what the step rises by, both by the barometer. On a stair a step is as long as the
+    tread that goes with its riser.
     """
 
     columns = (
@@ -87,6 +89,7 @@ class PedestrianDeadReckoning:
         Quantity("height", "m"),
         Quantity("mounting", "deg"),
         Quantity("interval", "s"),
+        Quantity("riser", "m"),
     )
     gates = (
         Level("cadence", "Hz", "cadence_hz", at_least=False),
@@ -117,13 +120,16 @@ class PedestrianDeadReckoning:
         """Take known places, in order of time; they count with the step after them."""
         self._places += places
 
-    def measure(self, step: StepEvent, motion: LevelFrameMotion, height_m: float) -> Candidates:
+    def measure(
+        self, step: StepEvent, motion: LevelFrameMotion, height_m: float, climb_mps: float
+    ) -> Candidates:
         """Return a step as a candidate, by what the sensor felt; the step is remembered."""
         p = self.parameters
         interval_s = self._interval_s(step.time_ns)
         span = step.time_ns - round(interval_s * NS_PER_S), step.time_ns
         shape = shape_of(motion, *span)
-        length_m = step_length(shape, step.type, interval_s, p)
+        riser_m = climb_mps * interval_s
+        length_m = stair_length(riser_m) or step_length(shape, step.type, interval_s, p)
         self._facing.watch(step, interval_s, motion)
         heading = self._facing.heading(motion, *span) + ASIDE.get(step.type, 0.0)
         sight, off = self._north.sight(motion, *span, length_m)
@@ -134,7 +140,7 @@ class PedestrianDeadReckoning:
         turn = self._facing.turn_rad
         azimuth = math.degrees(wrap_angle(self._azimuth(stride, turn)))
         row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
-        row += [off * 1e6, height_m, math.degrees(turn), shape.peak_end_s]
+        row += [off * 1e6, height_m, math.degrees(turn), shape.peak_end_s, riser_m]
         return Candidates(
             np.array([step.time_ns], np.int64),
             np.zeros(1, np.int32),
@@ -307,8 +313,8 @@ class BodyWornSensor:
 #: step that tells the walking axis.
 LATE_NS = 3 * NS_PER_S // 2
 #: It waits until the signal is so far beyond it: streams come in portions, and late. Chosen by
-#: judgement: twice a slow step.
-WAIT_NS = 3 * NS_PER_S // 2
+#: judgement: twice a slow step, and half a second more than a climb is measured over.
+WAIT_NS = 3 * NS_PER_S
 #: Fixes from so long ago are remembered. Chosen by judgement: it bounds memory; a receiver's fix
 #: comes later by less.
 KEPT_NS = 60 * NS_PER_S
@@ -449,7 +455,8 @@ class DeadReckoning(Stage):
             self._steps.pop(0)
             self._know(step.time_ns + LATE_NS)
             height_m = self._barometer.height_m(step.time_ns)
-            yield self._reckoner.measure(step, sensor.motion.history, height_m)
+            climb_mps = self._barometer.climb_mps(step.time_ns)
+            yield self._reckoner.measure(step, sensor.motion.history, height_m, climb_mps)
 
     def _complete(self, time_ns: int) -> bool:
         """Return whether no stream can bring more of what counts for a step."""

@@ -276,3 +276,42 @@ def test_a_pipeline_without_steps_is_refused() -> None:
     text = b'name = "x"\napplication = "walker"\n[[stage]]\nuse = "reckoning"\n'
     with pytest.raises(PipelineError, match="expected a stage that gives steps before it"):
         build_pipeline(parse_pipeline(text, "x.toml"))
+
+
+def test_steps_on_a_stair_are_as_long_as_its_treads() -> None:
+    """Ten seconds on the level, ten up a stair with risers of 0.17 m, ten on the level."""
+    baro = Stream("/baro", (Channel("pressure", "pressure", "Pa"),), 10.0, "phone")
+    seconds = np.arange(300) / 10
+    height_m = 0.17 / STEP_S * np.clip(seconds - 10, 0, 10)
+    pressure = 97_600.0 * np.exp(-height_m / 8434.5)
+    blocks = signal(corner_s=None)
+    with_height = [
+        item
+        for k, block in enumerate(blocks)
+        for item in (
+            [SignalBlock(baro, 0, 5 * (k // 3), pressure[5 * (k // 3) :][:5, None]), block]
+            if k % 3 == 0
+            else [block]
+        )
+    ]
+    flat, stair = (
+        {round(p.time_ns / NS_PER_S, 1): p.x_m for p in points(run(stage(), items(x, steps())))}
+        for x in (blocks, with_height)
+    )
+    assert flat[18.0] - flat[12.0] == pytest.approx(12 * LENGTH_M, abs=0.2)
+    assert stair[18.0] - stair[12.0] == pytest.approx(12 * 0.29, abs=0.1)
+    assert stair[27.0] - stair[23.0] == pytest.approx(8 * LENGTH_M, abs=0.2)
+
+
+def test_a_fix_counts_as_much_as_it_says() -> None:
+    exact = Channel("accuracy", "horizontal_accuracy", "m")
+    told = replace(PLACE, channels=(*PLACE.channels, exact))
+    ends = []
+    for accuracy_m in (1.0, 100.0):
+        aside = np.stack([np.full(30, 1e-4), np.zeros(30), np.full(30, accuracy_m)], axis=1)
+        aside[:5, 0] = 0.0  # later ones are 11 m north of where the walk begins
+        fixes = [SignalBlock(told, 0, k, aside[k : k + 1]) for k in range(30)]
+        blocks = sorted([*signal(corner_s=None), *fixes], key=lambda b: b.last_ns)
+        ends.append(points(run(stage(), items(blocks, steps())))[-1].y_m)
+    assert ends[0] > 6
+    assert abs(ends[1]) < 5

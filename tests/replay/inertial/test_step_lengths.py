@@ -15,6 +15,7 @@ from groundtrace.inertial.steps import (
     ReckoningParameters,
     StepShape,
     shape_of,
+    stair_length,
     step_length,
     waypoints_of,
 )
@@ -129,3 +130,35 @@ def test_the_barometer_tells_the_height_over_the_first_step() -> None:
     barometer.update(SignalBlock(stream, 0, 0, pressure[:, None]))
     assert barometer.height_m(2 * NS_PER_S) == 0
     assert barometer.height_m(12 * NS_PER_S) == pytest.approx(10.05, abs=0.05)
+
+
+def climbed(climb_mps: float, noise_pa: float, rate_hz: float = 6.0) -> Barometer:
+    """Twenty seconds of going up or down at one speed."""
+    stream = Stream("/baro", (Channel("pressure", "pressure", "Pa"),), rate_hz)
+    seconds = np.arange(round(20 * rate_hz)) / rate_hz
+    noise = noise_pa * np.random.default_rng(1).standard_normal(len(seconds))
+    pressure = 97_600.0 * np.exp(-climb_mps * seconds / 8434.5) + noise
+    barometer = Barometer()
+    barometer.update(SignalBlock(stream, 0, 0, pressure[:, None]))
+    return barometer
+
+
+@pytest.mark.parametrize("climb_mps", [-0.3, 0.0, 0.3])
+def test_a_climb_is_the_slope_of_the_pressure(climb_mps: float) -> None:
+    exact = climbed(climb_mps, 0.0).climb_mps(10 * NS_PER_S)
+    assert exact == pytest.approx(climb_mps, abs=1e-6)
+    noisy = climbed(climb_mps, 2.0).climb_mps(10 * NS_PER_S)
+    assert noisy == pytest.approx(climb_mps, abs=0.06)
+
+
+def test_too_few_pressures_tell_no_climb() -> None:
+    assert Barometer().climb_mps(0) == 0
+    assert climbed(0.3, 0.0, rate_hz=0.5).climb_mps(10 * NS_PER_S) == 0
+    assert climbed(0.3, 0.0).climb_mps(22 * NS_PER_S) == 0  # after the end: two pressures
+
+
+@pytest.mark.parametrize(
+    ("riser_m", "tread_m"), [(0.17, 0.29), (-0.17, 0.29), (0.3, 0.21), (0.09, None), (-0.05, None)]
+)
+def test_a_step_on_a_stair_is_as_long_as_its_tread(riser_m: float, tread_m: float | None) -> None:
+    assert stair_length(riser_m) == (None if tread_m is None else pytest.approx(tread_m))
