@@ -45,7 +45,7 @@ class Track:
         Longest piece that is smoothed at once [s]; 0 smooths nothing.
     direction_rad
         What all azimuths may be off by together, as a standard deviation that nothing in the
-        recording tells [rad]. It is in the covariance of points until a known place tells it.
+        recording tells [rad]. It is in the covariance of points as far as no known places tell it.
     """
 
     def __init__(
@@ -64,7 +64,9 @@ class Track:
         self.direction_rad = direction_rad
         self._begun = (filter_.copy(), time_ns)
         self._turn_rad = self._axis_rad = 0.0
-        self._settled = self._placed = False
+        self._settled = False
+        self._anchors = Anchors()
+        self._anchors.add(filter_.state[PLACE], float(filter_.covariance[0, 0]))
         # what may have to be gone again: strides, and after how many of them fixes came
         self._strides = Strides()
         self._fixes: list[tuple[int, PositionReference]] = []
@@ -112,10 +114,10 @@ class Track:
 
     def fix(self, fix: PositionReference) -> list[TrackPoint]:
         """Take in where the walker was at a time; return the point."""
-        self._placed = True
         self._aim(fix)
         before = self._knots.moment(-1)
         nis = self._meet(fix)
+        self._anchors.add(self.filter.state[PLACE], fix.sigma_m**2 * fix.repeats)
         if not self._settled:
             self._fixes.append((self._strides.count, fix))
         return [
@@ -213,10 +215,10 @@ class Track:
         self, now: TrackNode, before: TrackNode | None, stage: str, nis: float = NO_NIS
     ) -> TrackPoint:
         time_ns, x, y, (xx, xy, yy) = now
-        # a turn about the beginning, as a direction that is off makes it
-        off_rad = 0.0 if self._placed else math.hypot(self.direction_rad, self._axis_rad)
-        right = -off_rad * (y - float(self.filter.origin[1]))
-        up = off_rad * (x - float(self.filter.origin[0]))
+        # a turn about what holds the track, as a direction that is off makes it
+        off_rad = self._anchors.left_rad(math.hypot(self.direction_rad, self._axis_rad))
+        centre = self._anchors.centre
+        right, up = -off_rad * (y - float(centre[1])), off_rad * (x - float(centre[0]))
         spread = (xx + right * right, xy + right * up, yy + up * up)
         vx = vy = math.nan
         if before is not None and time_ns > before.time_ns:
@@ -226,6 +228,40 @@ class Track:
 
 
 Array = NDArray[np.float64]
+
+#: A place is known no better than this, as a variance [m2]. Chosen by judgement: a foot's breadth.
+LEAST_M2 = 0.01
+
+
+@dataclass(slots=True)
+class Anchors:
+    """Known places of a track, as far as they hold it against a turn.
+
+    Attributes
+    ----------
+    weight
+        Sum of the inverse variances of places [1/m2].
+    centre
+        Their mean with these weights, shape (2,) [m].
+    information
+        Weighted sum of the squares of how far they are from it: what they tell of a turn [1/rad2].
+    """
+
+    weight: float = 0.0
+    centre: Array = field(default_factory=lambda: np.zeros(2))
+    information: float = 0.0
+
+    def add(self, position: Array, variance_m2: float) -> None:
+        """Take a place where the track was held, shape (2,) [m]."""
+        weight = 1 / max(variance_m2, LEAST_M2)
+        apart, total = position - self.centre, self.weight + weight
+        self.information += weight * self.weight / total * float(apart @ apart)
+        self.centre, self.weight = self.centre + weight / total * apart, total
+
+    def left_rad(self, before_rad: float) -> float:
+        """Return what is left of a direction's standard deviation [rad]."""
+        return before_rad / math.sqrt(1 + before_rad**2 * self.information)
+
 
 #: Rows of the state: place [m], offset [rad], its drift [rad/s], mount [rad], scale. Source:
 #: definition.

@@ -1,0 +1,132 @@
+"""Tracks of phones in buildings: the logs of the IPIN competition of 2023, track 3.
+
+    python bench/phone_logs.py --logs FOLDER
+
+The folder holds the training trials as text, as GetSensorData wrote them (J. Torres-Sospedra et
+al., Zenodo 8362205, CC BY 4.0): two people with two phones on three floors, some up and down stairs
+or in a lift, each first standing for a minute in which the phone is waved to calibrate its compass,
+then on a way with marked places. Nobody knows where they went before the first of them.
+
+- Steps told while the phone was waved, and of the way.
+- Satellite fixes: how many lie within the accuracy that they say, which is to hold 68 %.
+- Tracks without fixes, turned and shifted onto the marked places: root mean square [m]; those of
+  the compass alone beside them.
+- Tracks with fixes: the median distance from the marked places [m], the part of them within the
+  claimed ellipse of 90 %, and what the nearest fixes alone are off by.
+
+Trials of odd number chose ``QUIET_SCATTER``; the others had been seen by then, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from pedestrian_accuracy import inside
+
+import groundtrace as gt
+from groundtrace_codecs.events import TrackPoint
+from groundtrace_codecs.geometry import tangent_plane
+from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import ACCURACY, NS_PER_S
+
+#: A fix counts for a marked place that is no farther from it in time [s].
+NEAR_S = 1.5
+COLUMNS = ("waved", "walked", "fixes hold", "fixes off", "shape", "compass", "off", "inside")
+
+
+def points_of(result: gt.Results) -> list[TrackPoint]:
+    """Return the points of the smoothed track."""
+    table = result.tracks
+    columns = (table.time_ns, table.track, table.x_m, table.y_m, table.vx_mps, table.vy_mps)
+    spreads = zip(
+        table.covariance_xx_m2, table.covariance_xy_m2, table.covariance_yy_m2, strict=True
+    )
+    rows = zip(*columns, spreads, table.stage, strict=True)
+    return [TrackPoint(*row) for row in rows if row[-1] == "track.smoothed"]
+
+
+def places(points: list[TrackPoint], times_ns: np.ndarray) -> np.ndarray:
+    """Return where a track is at some times, as complex numbers [m]."""
+    since = np.array([p.time_ns for p in points])
+    return np.interp(times_ns, since, [p.x_m for p in points]) + 1j * np.interp(
+        times_ns, since, [p.y_m for p in points]
+    )
+
+
+def shape_m(found: np.ndarray, true: np.ndarray) -> float:
+    """Return the root mean square after the best turn and shift [m]."""
+    a, b = found - found.mean(), true - true.mean()
+    turn = np.vdot(a, b)
+    return float(np.sqrt(np.mean(np.abs(a * turn / abs(turn) - b) ** 2)))
+
+
+def of_fixes(opened: Recording, times_ns: np.ndarray, true: np.ndarray) -> tuple[float, float]:
+    """Return how many of the fixes near marked places hold what they say, and their error [m]."""
+    plane = tangent_plane(opened.geometry)
+    blocks = [b for _, b in opened.blocks() if b.stream.columns_of(ACCURACY)]
+    if not blocks:
+        return np.nan, np.nan
+    since = np.concatenate([b.sample_times() for b in blocks])
+    values = np.concatenate([b.values for b in blocks])
+    nearest = np.abs(since[:, None] - times_ns).argmin(axis=0)
+    heard = np.abs(since[nearest] - times_ns) < NEAR_S * NS_PER_S
+    spots = np.array([plane.map_position(*np.radians(row[:2])) for row in values[nearest]])
+    off = np.abs(spots @ np.array([1, 1j]) - true)[heard]
+    (column,) = blocks[0].stream.columns_of(ACCURACY)
+    if not heard.any():
+        return np.nan, np.nan
+    return float(np.mean(off < values[nearest, column][heard])), float(np.median(off))
+
+
+def row_of(path: Path) -> list[float]:
+    """Return the figures of one recording, as :data:`COLUMNS`."""
+    with Recording.open(path) as opened:
+        labels = tuple(x for x in opened.labels if x.kind == "waypoint")
+        times_ns = np.array([x.time_ns for x in labels])
+        true = np.array([complex(x.x_m or 0.0, x.y_m or 0.0) for x in labels])
+        hold, fixes_m = of_fixes(opened, times_ns, true)
+    blind = gt.replay(path, "pedestrian", {"track.updates": "none"})
+    steps_ns = np.asarray(blind.steps.time_ns)
+    compass = gt.replay(path, "pedestrian-compass", {"track.updates": "none"})
+    shapes = [shape_m(places(points_of(x), times_ns), true) for x in (blind, compass)]
+    points = points_of(gt.replay(path, "pedestrian"))
+    off_m = float(np.median(np.abs(places(points, times_ns) - true)))
+    waved = float((steps_ns < times_ns[0] - NS_PER_S).sum())
+    walked = len(steps_ns) - waved
+    return [waved, walked, hold, fixes_m, *shapes, off_m, inside(points, labels)]
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--logs", type=Path, required=True)
+    options = parser.parse_args()
+    rows: dict[int, list[list[float]]] = {}
+    print(f"{'trial':28}" + "".join(f"{c:>11}" for c in COLUMNS))
+    with tempfile.TemporaryDirectory() as scratch:
+        for log in sorted(options.logs.glob("*.txt")):
+            path = Path(scratch) / f"{log.stem}.mcap"
+            import_recording([log], path)
+            row = row_of(path)
+            trial = re.search(r"(\d+)_repetition", log.stem)
+            rows.setdefault(int(trial[1]) if trial else 0, []).append(row)
+            print(f"{log.stem[-28:]:28}" + "".join(f"{x:11.2f}" for x in row), flush=True)
+    groups = {
+        "odd, level": lambda n: n < 50 and n % 2,
+        "even, level": lambda n: n < 50 and not n % 2,
+        "stairs and lift": lambda n: n > 50,
+    }
+    for name, belongs in groups.items():
+        kept = np.array([row for n, some in rows.items() if belongs(n) for row in some])
+        if len(kept):
+            sums, middles = np.nansum(kept[:, :2], axis=0), np.nanmedian(kept[:, 2:], axis=0)
+            print(f"{name:18}{len(kept):10}" + "".join(f"{x:11.2f}" for x in (*sums, *middles)))
+
+
+if __name__ == "__main__":
+    main()
