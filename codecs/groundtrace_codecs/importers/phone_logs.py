@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
+from collections import Counter
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
@@ -166,25 +167,7 @@ class GetSensorDataImporter:
         """
         path = _only(paths, map_, "log")
         described = _described(path)
-        kinds = {
-            kind: (_SENSOR_TIME, *(w.column for w in columns)) for kind, columns in LOG.items()
-        }
-        kinds[REFERENCE] = _REFERENCE_COLUMNS
-        places = {
-            kind: at
-            for kind, names in kinds.items()
-            if (at := _places(described.columns.get(kind, ()), names)) is not None
-        }
-        log = _Log(path.name, {kind: len(at) for kind, at in places.items()})
-        others: dict[str, int] = {}
-        for number, line in _lines(path):
-            kind, _, rest = line.partition(";")
-            cells = rest.split(";")
-            if kind in places:
-                texts = [cells[at] for at in places[kind] if at < len(cells)]
-                log.add(number, kind, cells[0], texts, _seconds)
-            elif kind and not kind.startswith("%"):
-                others[kind[:4]] = others.get(kind[:4], 0) + 1
+        log, others = _gathered(path, described.columns)
         log.need("ACCE")
         clock = _SensorClocks(log)
         labels, geometry = _references(log, described.start_ns)
@@ -400,6 +383,24 @@ def _utc(date: str, zone: str, year: str) -> datetime | None:
         return None
     ahead = timedelta(hours=int(match["hours"] or 0), minutes=int(match["minutes"] or 0))
     return local + ahead if match["sign"] == "-" else local - ahead
+
+
+def _gathered(path: Path, columns: Mapping[str, tuple[str, ...]]) -> tuple[_Log, Counter[str]]:
+    """Return what the lines of a log say, and how many there are of the kinds left out."""
+    kinds = {kind: (_SENSOR_TIME, *(w.column for w in wanted)) for kind, wanted in LOG.items()}
+    kinds[REFERENCE] = _REFERENCE_COLUMNS
+    described = {kind: _places(columns.get(kind, ()), names) for kind, names in kinds.items()}
+    places = {kind: at for kind, at in described.items() if at is not None}
+    log, others = _Log(path.name, {kind: len(at) for kind, at in places.items()}), Counter[str]()
+    for number, line in _lines(path):
+        kind, _, rest = line.partition(";")
+        if kind in places:
+            cells = rest.split(";")
+            texts = [cells[at] for at in places[kind] if at < len(cells)]
+            log.add(number, kind, cells[0], texts, _seconds)
+        elif kind and not kind.startswith("%"):
+            others[kind[:4]] += 1
+    return log, others
 
 
 def _places(cells: Sequence[str], names: Sequence[str]) -> tuple[int, ...] | None:
