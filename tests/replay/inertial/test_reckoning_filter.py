@@ -231,7 +231,7 @@ def test_fixes_that_err_alike_tell_together_what_their_mean_does(apart_s: float)
     standing = ReckoningFilter(NOISE, np.zeros(2), 1e6, learns_scale=False)
     repeats = [1.0] + [repeats_of(apart_s, lasting_s)] * (count - 1)
     for each in repeats:
-        standing.fix(np.zeros(2), sigma_m * math.sqrt(each))
+        standing.fix(np.zeros(2), sigma_m * math.sqrt(each), learns_scale=False)
     assert float(standing.covariance[0, 0]) == pytest.approx(exact_m2, rel=1e-6)
 
 
@@ -243,3 +243,18 @@ def test_a_fix_that_repeats_moves_a_track_less() -> None:
         (point,) = made.fix(PositionReference(NS_PER_S, 5.0, 0.0, 0.5, repeats))
         moved.append(point.x_m - 1.0)
     assert 0 < moved[1] < moved[0] / 2
+
+
+@pytest.mark.parametrize(("seconds", "sigma_m", "taught"), [(900, 3.0, True), (60, 5.0, False)])
+def test_fixes_that_err_alike_teach_lengths_on_a_long_way_alone(
+    seconds: int, sigma_m: float, taught: bool
+) -> None:
+    made = track(walker(learns=True))
+    for second in range(1, seconds + 1):
+        made.step(Stride(second * NS_PER_S, 1.0, 0.0, None, 0.0), 0.0, settled=True)
+        place = PositionReference(
+            second * NS_PER_S, 1.15 * second, 0.0, sigma_m, repeats_of(1.0, 30.0)
+        )
+        made.fix(place)
+    scale = float(made.filter.state[SCALE])
+    assert scale == pytest.approx(math.log(1.15) if taught else 0.0, abs=0.02)
