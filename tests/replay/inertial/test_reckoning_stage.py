@@ -315,3 +315,19 @@ def test_a_fix_counts_as_much_as_it_says() -> None:
         ends.append(points(run(stage(), items(blocks, steps())))[-1].y_m)
     assert ends[0] > 6
     assert abs(ends[1]) < 5
+
+
+def test_a_field_that_scatters_leaves_directions_open() -> None:
+    """Iron that turns with the phone: each straight way has a field of its own direction."""
+    blocks, iron = signal(corner_s=15.0), np.array([6e-5, 0.0, 0.0])
+    with_iron = [
+        replace(b, samples=b.samples + iron) if b.topic == FIELD.topic else b for b in blocks
+    ]
+    events = [run(stage(), items(x, steps())) for x in (blocks, with_iron)]
+    last = [[e for e in x if isinstance(e, Heading)][-1].sigma_rad for x in events]
+    ends = [points(x)[-1] for x in events]
+    spreads = [math.sqrt(p.covariance[0] + p.covariance[2]) for p in ends]
+    assert last[1] > 2 * last[0]
+    assert spreads[1] > 1.5 * spreads[0]
+    (note,) = [e.text for e in events[1] if isinstance(e, Note) and "scatters" in e.text]
+    assert "all directions together may be off by 10 degrees" not in note
