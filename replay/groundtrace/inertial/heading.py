@@ -83,17 +83,38 @@ class QuietSeconds:
 
     A hand turns it a little all the same, now this way and now that: the median of several seconds
     is the bias, and what they scatter by tells how surely.
+
+    Parameters
+    ----------
+    rate_hz
+        Of the sensor [Hz].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate_hz: float) -> None:
+        self._length = max(round(rate_hz), 1)
+        self._rate, self._force = np.empty((0, 3)), np.empty((0, 3))  # of the second under way
         self._means: list[Array] = []
 
-    def add(self, second: Samples) -> tuple[Array, Array] | None:
-        """Take a second; return the bias and its deviations, shape (3,) [rad/s], if it is quiet."""
-        spreads = [math.sqrt(x.var(axis=0).sum()) for x in (second.rate, second.force)]
-        if spreads[0] > QUIET_RATE or spreads[1] > QUIET_FORCE:
-            return None
-        self._means = [*self._means[1 - QUIET_MOST :], second.rate.mean(axis=0)]
+    def ends(self, samples: Samples) -> list[tuple[int, Array]]:
+        """Take samples; return where quiet seconds end among them, and their mean rates [rad/s]."""
+        before, length = len(self._rate), self._length
+        rate = np.concatenate([self._rate, samples.rate])
+        force = np.concatenate([self._force, samples.force])
+        count = len(rate) // length
+        self._rate, self._force = rate[count * length :], force[count * length :]
+        seconds = [x[: count * length].reshape(count, length, 3) for x in (rate, force)]
+        spreads = [np.sqrt(x.var(axis=1).sum(axis=1)) for x in seconds]
+        quiet = (spreads[0] <= QUIET_RATE) & (spreads[1] <= QUIET_FORCE)
+        rows = np.flatnonzero(quiet)
+        means = seconds[0][rows].mean(axis=1)
+        return list(zip(((rows + 1) * length - before).tolist(), means, strict=True))
+
+    def bias(self, mean: Array) -> tuple[Array, Array] | None:
+        """Take the mean of a quiet second; return the bias and its deviations, shape (3,) [rad/s].
+
+        None while there are too few.
+        """
+        self._means = [*self._means[1 - QUIET_MOST :], mean]
         if len(self._means) < QUIET_LEAST:
             return None
         means = np.array(self._means)
@@ -140,8 +161,7 @@ class HeadingEstimator:
         self.compass = Compass(parameters)
         self.scalar = _scalar_filter(parameters)
         self.calibration = Calibration()
-        self._quiet = QuietSeconds()
-        self._second: list[Samples] = []  # what there is of it
+        self._quiet = QuietSeconds(rate_hz)
         self._biased_ns: int | None = None  # since when the bias is what it is
         self._turned_rad2 = np.zeros(3)  # by another bias, of the next sample
         self.turned_rad2: dict[int, Array] = {}
@@ -157,17 +177,14 @@ class HeadingEstimator:
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
-        length, start = max(round(self.rate_hz), 1), 0
         parts: list[HeadingFrames] = []
-        while start < len(samples):
-            stop = min(len(samples), start + length - sum(map(len, self._second)))
-            second = self._less_sure(samples.rows(start, stop))
-            parts += self._gathered(second)
-            self._second.append(second)
-            if sum(map(len, self._second)) == length:
-                self._second_over(Samples.joined(self._second))
-                self._second = []
+        start = 0
+        for stop, mean in self._quiet.ends(samples):
+            parts += self._gathered(self._less_sure(samples.rows(start, stop)))
+            self._compare(mean, int(samples.time_ns[stop - 1]))
             start = stop
+        if start < len(samples):
+            parts += self._gathered(self._less_sure(samples.rows(start, len(samples))))
         return HeadingFrames.concatenate(parts) if parts else []
 
     def _less_sure(self, samples: Samples) -> Samples:
@@ -182,14 +199,13 @@ class HeadingEstimator:
         self._turned_rad2 = np.zeros(3)
         return replace(samples, unseen=unseen)
 
-    def _second_over(self, second: Samples) -> None:
+    def _compare(self, mean: Array, time_ns: int) -> None:
         """Let the gyroscope have the bias of quiet seconds, where they know better."""
-        bias_sigma = self._quiet.add(second)
+        bias_sigma = self._quiet.bias(mean)
         if bias_sigma is None or not self.attitude.started:
             return
         bias, sigma = bias_sigma
-        off, time_ns = bias - self.attitude.bias, int(second.time_ns[-1])
-        believed = self.attitude.bias_sigma
+        off, believed = bias - self.attitude.bias, self.attitude.bias_sigma
         contradicted = np.abs(off) > OTHER_SIGMAS * np.hypot(sigma, believed)
         if not contradicted.any() and not (believed > KNOWN_WORSE * sigma).all():
             return
@@ -199,7 +215,7 @@ class HeadingEstimator:
         self._biased_ns = time_ns
 
     def _gathered(self, samples: Samples) -> list[HeadingFrames]:
-        """Take samples of one second at most; return the frames that are complete by now."""
+        """Take samples of one bias; return the frames that are complete by now."""
         buffered = Samples.joined([*self._waiting, samples])
         count = len(buffered) // self.length * self.length
         self._waiting = [buffered.rows(count, len(buffered))]
