@@ -72,6 +72,8 @@ QUIET_RATE, QUIET_FORCE = 0.1, 0.5
 #: least, and how many of the last are looked at. Chosen by trial on logs of IPIN 2023: with half
 #: the scatter and four seconds gyroscopes without a bias get one.
 QUIET_SCATTER, QUIET_LEAST, QUIET_MOST = 0.007, 6, 30
+#: So many samples tell a spread. Chosen by judgement: a second of 6 Hz does, one of 1 Hz does not.
+SPREAD_LEAST = 5
 #: A bias is another one where an axis is off by this many standard deviations, or where it is known
 #: this many times worse. Chosen by judgement: one of 120 by chance, of three axes; quiet seconds
 #: err alike where somebody turns.
@@ -105,7 +107,7 @@ class QuietSeconds:
         seconds = [x[: count * length].reshape(count, length, 3) for x in (rate, force)]
         spreads = [np.sqrt(x.var(axis=1).sum(axis=1)) for x in seconds]
         quiet = (spreads[0] <= QUIET_RATE) & (spreads[1] <= QUIET_FORCE)
-        rows = np.flatnonzero(quiet)
+        rows = np.flatnonzero(quiet & (length >= SPREAD_LEAST))
         means = seconds[0][rows].mean(axis=1)
         return list(zip(((rows + 1) * length - before).tolist(), means, strict=True))
 

@@ -12,7 +12,7 @@ from turning_sensor import RATE_HZ, Turning, errors_deg, run, turning
 
 from groundtrace.inertial.attitude import HeadingParameters
 from groundtrace.inertial.frames import Samples
-from groundtrace.inertial.heading import HeadingEstimator
+from groundtrace.inertial.heading import HeadingEstimator, QuietSeconds
 from groundtrace.inertial.magnetometer import COLUMNS
 from groundtrace.inertial.rotations import headings_of
 from groundtrace_codecs.signals import NS_PER_S
@@ -214,3 +214,9 @@ def test_a_slow_turn_of_some_seconds_is_no_bias() -> None:
     rate = samples.rate + np.radians(8.0) * turns[:, None] * np.array([0.0, 0.57, 0.82])
     frames = HeadingEstimator(HeadingParameters(), RATE_HZ).add(replace(samples, rate=rate))
     assert frames[-1].bias == pytest.approx([0, 0, 0], abs=np.radians(0.5))
+
+
+def test_a_sample_a_second_is_never_quiet() -> None:
+    samples = held(4.0).rows(0, 1)
+    quiet = QuietSeconds(1.0)
+    assert [x for _ in range(20) for x in quiet.ends(samples)] == []
