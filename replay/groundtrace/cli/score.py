@@ -235,13 +235,14 @@ def _print_passes(p: PassScore, _unit: str) -> None:
 
 
 def _print_waypoints(w: WaypointScore, unit: str) -> None:
+    compared = "longer" if w.way_error_percent >= 0 else "shorter"
     print_line(
         f"  waypoints: median {w.median_m:.2f} {unit} off, mean {w.mean_m:.2f} {unit}, "
         f"95 % within {w.p95_m:.2f} {unit}, {w.n} of them"
     )
     print_line(
         f"  last one {w.end_m:.2f} {unit} off, {w.end_percent:.1f} % of the {w.way_m:.1f} {unit} "
-        f"between them; track {w.way_error_percent:+.1f} % longer than that"
+        f"between them; track {abs(w.way_error_percent):.1f} % {compared} than that"
     )
 
 

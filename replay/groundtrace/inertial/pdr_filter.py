@@ -188,7 +188,7 @@ class Track:
         waited = one.wait(max(0, fix.time_ns - self.time_ns) / NS_PER_S)
         knots.add(fix.time_ns, one.state, one.covariance, waited)
         scale = one.learns_scale and (fix.repeats == 1 or self._anchors.tell(one.noise.scale))
-        nis = one.fix(fix.position, fix.sigma_m * math.sqrt(fix.repeats), learns_scale=scale)
+        nis = one.fix(fix.position, fix.sigma_m, fix.repeats, learns_scale=scale)
         last = knots.rows[knots.count - 1]
         last["state"], last["covariance"] = one.state, one.covariance
         if not self.smooth_s:
@@ -397,10 +397,24 @@ class ReckoningFilter:
         given = (offset_rad, sigma_rad, repeats)
         kernels.reckoning.azimuth_update(self.state, self.covariance, *given, _room())
 
-    def fix(self, position: Array, sigma_m: float, *, learns_scale: bool) -> float:
-        """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""
-        spread = self.covariance[PLACE, PLACE] + sigma_m**2 * np.eye(2)
+    def fix(
+        self, position: Array, sigma_m: float, repeats: float = 1.0, *, learns_scale: bool
+    ) -> float:
+        """Take a known place in; return the NIS (2 degrees of freedom).
+
+        Parameters
+        ----------
+        position, sigma_m
+            Where, shape (2,), and its standard deviation per axis [m].
+        repeats
+            How many places in a row err alike: each counts for that much less, and is as far off.
+        learns_scale
+            Whether it calibrates the lengths.
+        """
         off = position - self.state[PLACE]
+        alone = self.covariance[PLACE, PLACE] + sigma_m**2 * np.eye(2)
+        sigma_m *= math.sqrt(repeats)
+        spread = self.covariance[PLACE, PLACE] + sigma_m**2 * np.eye(2)
         gain = np.linalg.solve(spread, self.covariance[PLACE, :]).T
         if not learns_scale:
             gain[SCALE] = 0.0
@@ -408,7 +422,7 @@ class ReckoningFilter:
         keep[:, PLACE] -= gain
         self.state = self.state + gain @ off
         self.covariance = keep @ self.covariance @ keep.T + sigma_m**2 * gain @ gain.T
-        return float(off @ np.linalg.solve(spread, off))
+        return float(off @ np.linalg.solve(alone, off))
 
     def angle_to(self, position: Array, sigma_m: float) -> float | None:
         """Return by how much the walk must turn to lead towards a place [rad].

@@ -231,18 +231,20 @@ def test_fixes_that_err_alike_tell_together_what_their_mean_does(apart_s: float)
     standing = ReckoningFilter(NOISE, np.zeros(2), 1e6, learns_scale=False)
     repeats = [1.0] + [repeats_of(apart_s, lasting_s)] * (count - 1)
     for each in repeats:
-        standing.fix(np.zeros(2), sigma_m * math.sqrt(each), learns_scale=False)
+        standing.fix(np.zeros(2), sigma_m, each, learns_scale=False)
     assert float(standing.covariance[0, 0]) == pytest.approx(exact_m2, rel=1e-6)
 
 
 def test_a_fix_that_repeats_moves_a_track_less() -> None:
-    moved = []
+    moved, surprises = [], []
     for repeats in (1.0, 60.0):
         made = track(walker())
         made.step(Stride(NS_PER_S, 1.0, 0.0, None, 0.0), 0.0, settled=True)
         (point,) = made.fix(PositionReference(NS_PER_S, 5.0, 0.0, 0.5, repeats))
         moved.append(point.x_m - 1.0)
+        surprises.append(point.nis)
     assert 0 < moved[1] < moved[0] / 2
+    assert surprises[0] == surprises[1]  # it is as far off, however many others are, too
 
 
 @pytest.mark.parametrize(("seconds", "sigma_m", "taught"), [(900, 3.0, True), (60, 5.0, False)])
