@@ -188,8 +188,12 @@ class GetSensorDataImporter:
 
 
 def _only(paths: Sequence[Path], map_: ImportMap | None, what: str) -> Path:
-    if map_ is not None or len(paths) != 1:
-        raise SchemaError(f"{paths[0].name}: expected one {what} and no map, found others")
+    if map_ is not None:
+        raise SchemaError(f"{map_.file}: expected no map for a {what} of a phone, found one")
+    if len(paths) != 1:
+        raise SchemaError(
+            f"{paths[0].name}: expected one {what}, found {len(paths)} files: import each by itself"
+        )
     return paths[0]
 
 

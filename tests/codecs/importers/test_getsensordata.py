@@ -10,6 +10,7 @@ import pytest
 
 from groundtrace_codecs.errors import FormatError, SchemaError
 from groundtrace_codecs.geometry import metres_per_radian
+from groundtrace_codecs.importers.base import ImportMap
 from groundtrace_codecs.importers.phone_logs import GetSensorDataImporter
 from groundtrace_codecs.importers.run import choose, import_recording
 from groundtrace_codecs.recording import Recording
@@ -125,8 +126,11 @@ def test_a_log_that_is_cut_short_loses_its_last_line_alone(tmp_path: Path) -> No
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     path = log(tmp_path)
     assert choose([path]).name == "getsensordata"
-    with pytest.raises(SchemaError, match="expected one log"):
+    with pytest.raises(SchemaError, match="expected one log, found 2 files: import each by itself"):
         GetSensorDataImporter().read([path, path], None)
+    map_ = ImportMap("csv", (), file="m.toml")
+    with pytest.raises(SchemaError, match=r"m.toml: expected no map for a log of a phone"):
+        GetSensorDataImporter().read([path], map_)
     empty = tmp_path / "empty.txt"
     empty.write_text(HEAD)
     with pytest.raises(FormatError, match=r"empty.txt: expected ACCE lines, found none"):
