@@ -11,8 +11,8 @@ then on a way with marked places. Nobody knows where they went before the first 
 - Satellite fixes: how many lie within the accuracy that they say, which is to hold 68 %.
 - Tracks without fixes, turned and shifted onto the marked places: root mean square [m]; those of
   the compass alone beside them.
-- Tracks with fixes: the median distance from the marked places [m], the part of them within the
-  claimed ellipse of 90 %, and what the nearest fixes alone are off by.
+- Tracks with fixes: the median distance from the marked places but the first [m], the part of all
+  within the claimed ellipse of 90 %, and what the nearest fixes alone are off by.
 
 Trials of odd number chose ``QUIET_SCATTER``; the others had been seen by then, too.
 """
@@ -28,7 +28,8 @@ import numpy as np
 from pedestrian_accuracy import inside
 
 import groundtrace as gt
-from groundtrace_codecs.events import TrackPoint
+from groundtrace.evaluation.positions import score_closure, score_waypoints, true_places
+from groundtrace_codecs.events import Label, TrackPoint
 from groundtrace_codecs.geometry import tangent_plane
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
@@ -50,19 +51,10 @@ def points_of(result: gt.Results) -> list[TrackPoint]:
     return [TrackPoint(*row) for row in rows if row[-1] == "track.smoothed"]
 
 
-def places(points: list[TrackPoint], times_ns: np.ndarray) -> np.ndarray:
-    """Return where a track is at some times, as complex numbers [m]."""
-    since = np.array([p.time_ns for p in points])
-    return np.interp(times_ns, since, [p.x_m for p in points]) + 1j * np.interp(
-        times_ns, since, [p.y_m for p in points]
-    )
-
-
-def shape_m(found: np.ndarray, true: np.ndarray) -> float:
+def shape_m(points: list[TrackPoint], labels: tuple[Label, ...]) -> float:
     """Return the root mean square after the best turn and shift [m]."""
-    a, b = found - found.mean(), true - true.mean()
-    turn = np.vdot(a, b)
-    return float(np.sqrt(np.mean(np.abs(a * turn / abs(turn) - b) ** 2)))
+    score = score_closure(true_places(labels), points)
+    return float("nan") if score is None or score.aligned_rmse_m is None else score.aligned_rmse_m
 
 
 def of_fixes(opened: Recording, times_ns: np.ndarray, true: np.ndarray) -> tuple[float, float]:
@@ -93,9 +85,10 @@ def row_of(path: Path) -> list[float]:
     blind = gt.replay(path, "pedestrian", {"track.updates": "none"})
     steps_ns = np.asarray(blind.steps.time_ns)
     compass = gt.replay(path, "pedestrian-compass", {"track.updates": "none"})
-    shapes = [shape_m(places(points_of(x), times_ns), true) for x in (blind, compass)]
+    shapes = [shape_m(points_of(x), labels) for x in (blind, compass)]
     points = points_of(gt.replay(path, "pedestrian"))
-    off_m = float(np.median(np.abs(places(points, times_ns) - true)))
+    score = score_waypoints(labels, points)
+    off_m = float("nan") if score is None else score.median_m
     waved = float((steps_ns < times_ns[0] - NS_PER_S).sum())
     walked = len(steps_ns) - waved
     return [waved, walked, hold, fixes_m, *shapes, off_m, inside(points, labels)]

@@ -483,6 +483,8 @@ class RosReader:
     ----------
     streams
         What the messages hold.
+    sources
+        Where in the messages each is.
     assumed
         One line for each stream that the type of its message does not tell to be one.
     """
@@ -496,7 +498,7 @@ class RosReader:
     ) -> None:
         self.streams: tuple[Stream, ...] = tuple(streams)
         self._where = where
-        self._sources = sources
+        self.sources = sources
         self._decoder = CdrDecoder(definition, where)
         self._orders = [
             list(range(len(s.fields))) if s.position else column_order(s.kind, t)
@@ -513,7 +515,7 @@ class RosReader:
         """Yield the blocks of consecutive messages: one per stream and contiguous run."""
         log_ns = log_times(messages, self._where)
         tables = list(self._decoder.tables(messages.by_size()))
-        for source, stream, order in zip(self._sources, self.streams, self._orders, strict=True):
+        for source, stream, order in zip(self.sources, self.streams, self._orders, strict=True):
             samples = read_samples(source, tables, log_ns)
             if not len(samples.times_ns):
                 continue
@@ -601,7 +603,7 @@ def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -
         replace(telling(s, blocks), rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64))))
         for s in reader.streams
     ]
-    return RosReader(definition, find_sources(definition), streams, _where(file, channel))
+    return RosReader(definition, reader.sources, streams, _where(file, channel))
 
 
 def telling(stream: Stream, blocks: Iterable[SignalBlock]) -> Stream:

@@ -91,21 +91,15 @@ class IndoorLocationImporter:
             if len(cells) > 1 and cells[1] in counts:
                 log.add(number, cells[1], cells[0], cells[2:], _milliseconds)
         log.need("TYPE_ACCELEROMETER")
-        points = log.readings[WAYPOINT]
-        labels = tuple(
-            Label(time_ns, "waypoint", x_m=x, y_m=y)
-            for time_ns, (x, y) in sorted(zip(points.times_ns.tolist(), points.rows(), strict=True))
-        )
-        first = [(label.x_m, label.y_m) for label in labels[:1]]
-        start = next(((x, y) for x, y in first if x is not None and y is not None), None)
+        points = log.readings[WAYPOINT].moments()
         return together(
             [
                 _sensor(columns, log.readings[kind].times_ns, log.readings[kind].values)
                 for kind, columns in TRACE.items()
                 if log.has(kind)
             ],
-            geometry=None if start is None else Geometry(start=start),
-            labels=labels,
+            geometry=Geometry(start=(points[0][1][0], points[0][1][1])) if points else None,
+            labels=tuple(Label(time_ns, "waypoint", x_m=x, y_m=y) for time_ns, (x, y) in points),
             warnings=log.warnings(),
         )
 
@@ -245,9 +239,9 @@ class _Readings:
             self._flush()
         return self._spool
 
-    def rows(self) -> list[list[float]]:
-        """Return the values of few lines."""
-        return [list(map(float, row)) for row in self.values[:]]
+    def moments(self) -> list[tuple[int, list[float]]]:
+        """Return times [ns] and values of few lines, by time."""
+        return sorted(zip(self._times, self.values[:].tolist(), strict=True))
 
 
 class _Log:
@@ -264,7 +258,7 @@ class _Log:
     def __init__(self, name: str, counts: Mapping[str, int]) -> None:
         self.readings = {kind: _Readings(count) for kind, count in counts.items()}
         self._name = name
-        self._broken: list[str] = []
+        self._broken, self._first_broken = 0, ""
 
     def add(
         self,
@@ -284,15 +278,18 @@ class _Log:
             time_ns = time_ns_of(time)
             values = [float(text) for text in texts[: readings.count]]
         except (ValueError, OverflowError) as error:
-            self._broken.append(f"line {number}: expected numbers, found: {error}")
+            self._leave_out(number, f"expected numbers, found: {error}")
             return
         if not 0 <= time_ns <= MAX_NS:
-            self._broken.append(f"line {number}: expected a time since 1970, found {time}")
+            self._leave_out(number, f"expected a time since 1970, found {time}")
         elif len(values) != readings.count:
-            counted = f"expected {readings.count} values, found {len(values)}"
-            self._broken.append(f"line {number}: {counted}")
+            self._leave_out(number, f"expected {readings.count} values, found {len(values)}")
         else:
             readings.add(time_ns, values)
+
+    def _leave_out(self, number: int, fault: str) -> None:
+        self._broken += 1
+        self._first_broken = self._first_broken or f"line {number}: {fault}"
 
     def has(self, kind: str) -> bool:
         """Return whether there are samples of a kind."""
@@ -301,7 +298,7 @@ class _Log:
     def need(self, kind: str) -> None:
         """Raise where there are no samples of a kind, or all have one time."""
         if not self.has(kind):
-            first = f" ({self._broken[0]})" if self._broken else ""
+            first = f" ({self._first_broken})" if self._broken else ""
             raise FormatError(f"{self._name}: expected {kind} lines, found none{first}")
         if np.ptp(self.readings[kind].times_ns) == 0:
             raise FormatError(f"{self._name}: {kind}: expected times that go on, found one")
@@ -320,9 +317,9 @@ class _Log:
         """Return what to say of the lines that were left out."""
         if not self._broken:
             return ()
-        if len(self._broken) == 1:
-            return (f"1 broken line was left out: {self._broken[0]}",)
-        return (f"{len(self._broken)} broken lines were left out, the first: {self._broken[0]}",)
+        if self._broken == 1:
+            return (f"1 broken line was left out: {self._first_broken}",)
+        return (f"{self._broken} broken lines were left out, the first: {self._first_broken}",)
 
 
 def _sensor(columns: Sequence[Wanted], times_ns: NDArray[np.int64], values: Column) -> Sampled:
@@ -455,8 +452,7 @@ def _references(log: _Log, start_ns: int) -> tuple[tuple[Label, ...], Geometry |
     points = log.readings.get(REFERENCE)
     if not points:
         return (), None
-    moments = zip(points.times_ns.tolist(), points.rows(), strict=True)
-    passed = [(t, row) for t, row in sorted(moments) if abs(row[0]) <= 90 and abs(row[1]) <= 180]
+    passed = [(t, x) for t, x in points.moments() if abs(x[0]) <= 90 and abs(x[1]) <= 180]
     if not passed:
         return (), None
     site = Geometry(origin=(passed[0][1][0], passed[0][1][1], 0.0))

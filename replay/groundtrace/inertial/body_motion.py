@@ -149,12 +149,10 @@ class LevelFrameTracker:
 
     def _less_sure(self, samples: Samples) -> Samples:
         """Return samples with how far the sensor may have turned where its bias became another."""
-        turned_rad2, self._estimator.turned_rad2 = self._estimator.turned_rad2, {}
-        if not turned_rad2:
-            return samples
-        unseen = samples.unseen.copy()
-        unseen[samples.time_ns.searchsorted(list(turned_rad2)), :3] += list(turned_rad2.values())
-        return replace(samples, unseen=unseen)
+        jumps, self._estimator.turned_rad2 = self._estimator.turned_rad2, {}
+        for time_ns, turned_rad2 in jumps.items():
+            samples = samples.less_sure(int(samples.time_ns.searchsorted(time_ns)), turned_rad2)
+        return samples
 
     def flush(self) -> None:
         """Take in what was held back."""

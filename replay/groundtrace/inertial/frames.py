@@ -10,7 +10,7 @@ and field can be averaged over a frame however fast the sensor turns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,6 +70,12 @@ class Samples:
             self.field[part],
             self.unseen[part],
         )
+
+    def less_sure(self, row: int, turned_rad2: Array) -> Samples:
+        """Return the samples, one of which may have turned as far as these variances say [rad2]."""
+        unseen = self.unseen.copy()
+        unseen[row, :3] += turned_rad2
+        return replace(self, unseen=unseen)
 
     @staticmethod
     def joined(parts: Sequence[Samples]) -> Samples:

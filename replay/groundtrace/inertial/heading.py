@@ -195,11 +195,9 @@ class HeadingEstimator:
             self._biased_ns = int(samples.time_ns[0])
         if not self._turned_rad2.any():
             return samples
-        unseen = samples.unseen.copy()
-        unseen[0, :3] += self._turned_rad2
-        self.turned_rad2[int(samples.time_ns[0])] = self._turned_rad2
-        self._turned_rad2 = np.zeros(3)
-        return replace(samples, unseen=unseen)
+        turned_rad2, self._turned_rad2 = self._turned_rad2, np.zeros(3)
+        self.turned_rad2[int(samples.time_ns[0])] = turned_rad2
+        return samples.less_sure(0, turned_rad2)
 
     def _compare(self, mean: Array, time_ns: int) -> None:
         """Let the gyroscope have the bias of quiet seconds, where they know better."""
