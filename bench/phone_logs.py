@@ -1,6 +1,6 @@
 """Tracks of phones in buildings: the logs of the IPIN competition of 2023, track 3.
 
-    python bench/phone_logs.py --logs FOLDER
+    python bench/phone_logs.py --logs FOLDER [--iron 16 -12 20]
 
 The folder holds the training trials as text, as GetSensorData wrote them (J. Torres-Sospedra et
 al., Zenodo 8362205, CC BY 4.0): two people with two phones on three floors, some up and down stairs
@@ -10,9 +10,11 @@ then on a way with marked places. Nobody knows where they went before the first 
 - Steps told while the phone was waved, and of the way.
 - Satellite fixes: how many lie within the accuracy that they say, which is to hold 68 %.
 - Tracks without fixes, turned and shifted onto the marked places: root mean square [m]; those of
-  the compass alone beside them.
+  the compass alone beside them. By how much they had to be turned [deg].
 - Tracks with fixes: the median distance from the marked places but the first [m], the part of all
   within the claimed ellipse of 90 %, and what the nearest fixes alone are off by.
+
+With ``--iron`` the phones carry iron that adds so much to their fields, along their axes [uT].
 
 Trials of odd number chose ``QUIET_SCATTER``; the others had been seen by then, too.
 """
@@ -23,6 +25,7 @@ import argparse
 import re
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pedestrian_accuracy import inside
@@ -35,9 +38,12 @@ from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import ACCURACY, NS_PER_S
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 #: A fix counts for a marked place that is no farther from it in time [s].
 NEAR_S = 1.5
-COLUMNS = ("waved", "walked", "fixes hold", "fixes off", "shape", "compass", "off", "inside")
+COLUMNS = ("waved", "walked", "hold", "fixes off", "shape", "compass", "turned", "off", "inside")
 
 
 def points_of(result: gt.Results) -> list[TrackPoint]:
@@ -55,6 +61,27 @@ def shape_m(points: list[TrackPoint], labels: tuple[Label, ...]) -> float:
     """Return the root mean square after the best turn and shift [m]."""
     score = score_closure(true_places(labels), points)
     return float("nan") if score is None or score.aligned_rmse_m is None else score.aligned_rmse_m
+
+
+def turned_deg(points: list[TrackPoint], times_ns: np.ndarray, true: np.ndarray) -> float:
+    """Return by how much a track is turned against marked places [deg]."""
+    since = [p.time_ns for p in points]
+    spots = np.interp(times_ns, since, [p.x_m for p in points]) + 1j * np.interp(
+        times_ns, since, [p.y_m for p in points]
+    )
+    return abs(float(np.degrees(np.angle(np.vdot(true - true.mean(), spots - spots.mean())))))
+
+
+def with_iron(text: str, iron_ut: Sequence[float]) -> str:
+    """Return a log whose phone carries iron."""
+
+    def laden(line: re.Match[str]) -> str:
+        fields = (float(x) + more for x, more in zip(line[2].split(";"), iron_ut, strict=True))
+        return line[1] + ";".join(f"{x:.5f}" for x in fields)
+
+    number = r"-?[\d.]+(?:[eE][-+]?\d+)?"
+    pattern = rf"^(MAGN;{number};{number};)({number};{number};{number})"
+    return re.sub(pattern, laden, text, flags=re.MULTILINE)
 
 
 def of_fixes(opened: Recording, times_ns: np.ndarray, true: np.ndarray) -> tuple[float, float]:
@@ -86,25 +113,30 @@ def row_of(path: Path) -> list[float]:
     steps_ns = np.asarray(blind.steps.time_ns)
     compass = gt.replay(path, "pedestrian-compass", {"track.updates": "none"})
     shapes = [shape_m(points_of(x), labels) for x in (blind, compass)]
+    turned = turned_deg(points_of(blind), times_ns, true)
     points = points_of(gt.replay(path, "pedestrian"))
     score = score_waypoints(labels, points)
     off_m = float("nan") if score is None else score.median_m
     waved = float((steps_ns < times_ns[0] - NS_PER_S).sum())
     walked = len(steps_ns) - waved
-    return [waved, walked, hold, fixes_m, *shapes, off_m, inside(points, labels)]
+    return [waved, walked, hold, fixes_m, *shapes, turned, off_m, inside(points, labels)]
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", type=Path, required=True)
+    parser.add_argument("--iron", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar="UT")
     options = parser.parse_args()
     rows: dict[int, list[list[float]]] = {}
     print(f"{'trial':28}" + "".join(f"{c:>11}" for c in COLUMNS))
     with tempfile.TemporaryDirectory() as scratch:
         for log in sorted(options.logs.glob("*.txt")):
-            path = Path(scratch) / f"{log.stem}.mcap"
-            import_recording([log], path)
+            path, laden = (Path(scratch) / f"{log.stem}{kind}" for kind in (".mcap", ".txt"))
+            text = log.read_text(encoding="utf-8", errors="surrogateescape")
+            text = with_iron(text, options.iron) if any(options.iron) else text
+            laden.write_text(text, encoding="utf-8", errors="surrogateescape")
+            import_recording([laden], path)
             row = row_of(path)
             trial = re.search(r"(\d+)_repetition", log.stem)
             rows.setdefault(int(trial[1]) if trial else 0, []).append(row)

@@ -23,7 +23,7 @@ from ..pipeline.stage import Context, Input, Memory, Stage
 from .body_motion import LevelFrameTracker
 from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
 from .pdr_filter import MagneticBearing, ReckoningFilter, ReckoningNoise, Stride, Track
-from .rotations import wrap_angle
+from .rotations import mean_matrix, wrap_angle
 from .steps import (
     Barometer,
     BodyHeadingOffset,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
     from ..pipeline.stage import Output
     from .body_motion import Ahead, LevelFrameMotion
+    from .rotations import Array
     from .steps import PositionReference
 
 #: Time of a step that follows none [s]. Chosen by judgement: of a usual walk.
@@ -119,7 +120,8 @@ class PedestrianDeadReckoning:
         """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
         self.stage, self.number, self.origin = stage, number, origin
         self._track, self._measured, self._last_ns = None, None, None
-        self._by_last, self._north = (0.0, 0.0), FieldDirection(self.parameters)
+        self._by_last = (0.0, 0.0)
+        self._north.forget_axes()
 
     def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
@@ -169,8 +171,9 @@ class PedestrianDeadReckoning:
         rested_s, unseen_rad2 = (now - then for now, then in zip(by_now, before, strict=True))
         stride = stride._replace(rested_s=rested_s, unseen_rad2=unseen_rad2)
         track.direction_rad = self._direction_rad
-        facing = self._facing
+        facing, north = self._facing, self._north
         axis_rad = facing.sigma_rad
+        track.resight(north.other_sights())
         outputs += track.step(stride, facing.turn_rad, axis_rad, settled=facing.settled)
         azimuth = wrap_angle(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
         sigma = math.hypot(track.filter.azimuth_sigma_rad, axis_rad)
@@ -178,8 +181,10 @@ class PedestrianDeadReckoning:
             sigma = math.hypot(sigma, self._scattered_rad)
         sigma = min(sigma, math.pi)
         outputs.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
-        if facing.news:
-            outputs.append(Note(stride.time_ns, facing.news, source=self.stage))
+        north.forget(track.begun_ns)
+        for news in filter(None, (facing.news, north.news)):
+            outputs.append(Note(stride.time_ns, news, source=self.stage))
+        north.news = ""
         return outputs
 
     @property
@@ -206,6 +211,7 @@ class PedestrianDeadReckoning:
             f"the field's direction scatters by {scatter_deg:.0f} degrees over {self._north.steps} "
             f"steps; all directions together may be off by {direction_deg:.0f} "
             "degrees, which nothing here tells but a known direction or a second known place"
+            + (self._north.iron.remark and f"; {self._north.iron.remark}")
         )
 
     def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
@@ -253,9 +259,9 @@ class PedestrianDeadReckoning:
             self._places = [k for k in self._places if k.time_ns > time_ns]
         learns = p.updates in ("waypoints", "gnss")
         walker = ReckoningFilter(noise, np.array(position), sigma_m, learns_scale=learns)
-        smooth_s = p.smooth_s if p.smooth else 0.0
         direction_rad = math.radians(p.direction_deg)
-        self._track = Track(walker, time_ns, self.stage, self.number, smooth_s, direction_rad)
+        piece = (p.smooth_s, direction_rad)
+        self._track = Track(walker, time_ns, self.stage, self.number, *piece, smooths=p.smooth)
         return self._track.begin()
 
     def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
@@ -523,28 +529,157 @@ NEWEST = 0.02
 #: The earth's field has a horizontal part of at least about this, where a compass works [T]. Chosen
 #: by judgement: below 6 uT the World Magnetic Model cautions against compasses.
 LEAST_T = 5e-6
+#: What iron of an uncalibrated sensor adds, and what a building's field scatters by, per axis [T].
+#: Chosen by trial on logs of IPIN 2023: 2 to 6 uT; uncalibrated sensors of mobgap have 20 of iron.
+IRON_T, SCATTER_T = 30e-6, 5e-6
+#: Iron is believed in where it explains this part of the squares that fields scatter by, and is so
+#: many standard deviations from none. Chosen by trial on logs of IPIN 2023: without iron it
+#: explains half at most where a compass is not calibrated anew on the way; with 15 uT added, more.
+EXPLAINED, SURE_SIGMAS = 0.6, 5.0
+#: Fields of so many ways tell iron, each turned from the one before by more than this: the cosine.
+#: Chosen by judgement: iron explains whatever two ways show; corners turn by 90 degrees.
+LEAST_WAYS, TURNED = 3, 0.5
+#: Sights are taken anew where other iron changes fields by more than this, root mean square [T].
+#: Chosen by judgement: five degrees of a field of 20 uT.
+OTHER_T = 2e-6
 
 
-@dataclass(slots=True)
-class FieldDirection:
-    """Compares the field of each step with the reference of the steps before.
+#: Said where iron is no longer believed in.
+NO_IRON = "the magnetic field no longer turns with the sensor: no iron is taken away"
+
+
+class CarriedIron:
+    """Tells the iron on a sensor, which turns with it, from a field that stays where it is.
+
+    The field of step i in level axes is F + R_i b, with R_i from the sensor's axes to the level
+    ones. F and b are found by least squares over all steps, b as one of about 0; F anew where the
+    level axes are. What a building adds is taken for noise that errs alike over some steps.
 
     Attributes
     ----------
-    parameters
-        Of the reckoning.
-    reference
-        Horizontal and vertical part of the field so far [T]; None before the first step.
-    steps
-        How many steps that rests on.
-    directions
-        Sum of unit vectors along the field in the level axes.
+    field
+        Of the iron, in the sensor's axes, shape (3,) [T]; 0 while none is believed in.
+    explained
+        Part of the squares that fields scatter by that it explains.
     """
 
-    parameters: ReckoningParameters
-    reference: tuple[float, float] | None = None
-    steps: int = 0
-    directions: complex = 0j
+    def __init__(self) -> None:
+        self.field = np.zeros(3)
+        self.explained = 0.0
+        self._steps, self._repeats = 0, 0.0
+        # of level axes before: normal equations, and squares about the means
+        self._matrix, self._right, self._squares = np.zeros((3, 3)), np.zeros(3), 0.0
+        self._ways = 0
+        self.forget_axes()
+
+    def forget_axes(self) -> None:
+        """Take it that the level axes are others from now on."""
+        self._way: Array | None = None
+        if self._steps:
+            self._matrix, self._right, self._squares = self._normal()
+        # of these axes: fields, turns, and products
+        self._count, self._fields, self._turns = 0, np.zeros(3), np.zeros((3, 3))
+        self._products, self._norms = np.zeros(3), 0.0
+
+    def take(self, field_t: Array, turn: Array, repeats: float) -> bool:
+        """Take the field of a step; return whether other iron is believed in than before.
+
+        Parameters
+        ----------
+        field_t
+            In level axes, shape (3,) [T].
+        turn
+            Mean rotation from the sensor's axes to the level ones, shape (3, 3).
+        repeats
+            How many steps in a row err alike.
+        """
+        self._steps, self._count = self._steps + 1, self._count + 1
+        self._repeats += max(repeats, 1.0)
+        self._fields, self._turns = self._fields + field_t, self._turns + turn
+        self._products = self._products + field_t @ turn
+        self._norms += float(field_t @ field_t)
+        if self._way is None or (float(np.vdot(self._way, turn)) - 1) / 2 < TURNED:
+            self._way, self._ways = turn, self._ways + 1
+        matrix, right, squares = self._normal()
+        spread = self._repeats / self._steps
+        prior = np.eye(3) / IRON_T**2
+        iron = np.linalg.solve(matrix + SCATTER_T**2 * spread * prior, right)
+        left = squares - float(iron @ (2 * right - matrix @ iron))
+        noise = max(left / (3 * self._steps), SCATTER_T**2) * spread
+        sure = float(iron @ (matrix / noise + prior) @ iron) > SURE_SIGMAS**2
+        is_iron = sure and left < (1 - EXPLAINED) * squares and self._ways >= LEAST_WAYS
+        apart = (iron if is_iron else 0.0) - self.field
+        if apart @ matrix @ apart <= OTHER_T**2 * self._steps:
+            return False
+        self.field = self.field + apart
+        self.explained = 1 - left / squares if is_iron else 0.0
+        return True
+
+    @property
+    def remark(self) -> str:
+        """What a person should know of it; empty where there is none."""
+        if not self.field.any():
+            return ""
+        axes = ", ".join(f"{1e6 * part:.0f}" for part in self.field)
+        return (
+            f"the magnetic field turns with the sensor as iron on it does: {axes} uT along its "
+            f"axes explain {100 * self.explained:.0f} % of the squares that the field scatters by, "
+            "and are taken away"
+        )
+
+    def _normal(self) -> tuple[Array, Array, float]:
+        """Return matrix and right side of the iron's normal equations, and squares to explain."""
+        n, turns, fields = max(self._count, 1), self._turns, self._fields
+        matrix = self._matrix + self._count * np.eye(3) - turns.T @ turns / n
+        right = self._right + self._products - fields @ turns / n
+        return matrix, right, self._squares + self._norms - float(fields @ fields) / n
+
+
+class SeenField(NamedTuple):
+    """The field of a step: when that ends [ns], field [T] and turn as iron takes them, repeats."""
+
+    time_ns: int
+    field: Array
+    turn: Array
+    repeats: float
+
+
+class FieldDirection:
+    """Compares the field of each step with the reference of the steps before.
+
+    Parameters
+    ----------
+    parameters
+        Of the reckoning.
+
+    Attributes
+    ----------
+    iron
+        What the sensor carries; taken away from fields.
+    steps
+        How many steps the reference rests on.
+    news
+        What a person should know of iron since the step before; empty mostly.
+    """
+
+    def __init__(self, parameters: ReckoningParameters) -> None:
+        self.parameters = parameters
+        self.iron = CarriedIron()
+        self._seen: list[SeenField] = []
+        self._others: dict[int, MagneticBearing] = {}
+        self.news = ""
+        self._begin()
+
+    def _begin(self) -> None:
+        self._reference: tuple[float, float] | None = None  # horizontal and vertical part [T]
+        self._directions = 0j  # sum of unit vectors along the field in the level axes
+        self.steps = 0
+
+    def forget_axes(self) -> None:
+        """Take it that the level axes are others from now on; the iron is the same."""
+        self.iron.forget_axes()
+        self._seen = []
+        self._begin()
 
     @property
     def scatter_rad(self) -> float:
@@ -554,7 +689,7 @@ class FieldDirection:
         """
         if not self.steps:
             return math.nan
-        resultant = min(abs(self.directions) / self.steps, 1.0)
+        resultant = min(abs(self._directions) / self.steps, 1.0)
         return math.sqrt(-2 * math.log(max(resultant, 1e-9)))
 
     def sight(
@@ -564,26 +699,48 @@ class FieldDirection:
 
         Without a field that is None and NaN. The step lies in ``[start_ns, stop_ns)``.
         """
-        field_ = motion.field[motion.rows(start_ns, stop_ns)]
-        east, north, up = field_.mean(axis=0).tolist()
-        flat = math.hypot(east, north)
-        if not math.isfinite(flat + up) or flat == 0:
+        rows = motion.rows(start_ns, stop_ns)
+        field_ = motion.field[rows].mean(axis=0)
+        if not math.isfinite(float(field_.sum())):
             return None, math.nan
-        before = (flat, up) if self.reference is None else self.reference
+        repeats = 2 * self.parameters.compass_memory_m / max(length_m, 0.1)
+        seen = SeenField(stop_ns, field_, mean_matrix(motion.orientation[rows]), repeats)
+        had_iron = self.iron.field.any()
+        if self.iron.take(*seen[1:]):
+            self._begin()
+            looked = {before.time_ns: self._look(before)[0] for before in self._seen}
+            self._others = {time_ns: sight for time_ns, sight in looked.items() if sight}
+            if had_iron != self.iron.field.any():
+                self.news = self.iron.remark or NO_IRON
+        self._seen.append(seen)
+        return self._look(seen)
+
+    def other_sights(self) -> dict[int, MagneticBearing]:
+        """Return, once, what sights of the steps before have become by other iron, by time."""
+        others, self._others = self._others, {}
+        return others
+
+    def forget(self, until_ns: int) -> None:
+        """Forget fields that are never looked at again, in order of time."""
+        old = sum(seen.time_ns <= until_ns for seen in self._seen)
+        del self._seen[:old]
+
+    def _look(self, seen: SeenField) -> tuple[MagneticBearing | None, float]:
+        east, north, up = (seen.field - seen.turn @ self.iron.field).tolist()
+        flat = math.hypot(east, north)
+        if flat == 0:
+            return None, math.nan
+        before = (flat, up) if self._reference is None else self._reference
         off = math.hypot(flat - before[0], up - before[1])
-        self._learn(flat, up, before)
-        self.directions += complex(east, north) / flat
+        self.steps += 1
+        weight = max(NEWEST, 1 / self.steps)
+        self._reference = (
+            before[0] + weight * (flat - before[0]),
+            before[1] + weight * (up - before[1]),
+        )
+        self._directions += complex(east, north) / flat
         p = self.parameters
         sigma = math.hypot(math.radians(p.compass_deg), off / max(before[0], LEAST_T))
         # the level frame's magnetic north, against the map's
         offset = math.pi / 2 - math.radians(p.declination_deg) - math.atan2(north, east)
-        repeats = 2 * p.compass_memory_m / max(length_m, 0.1)
-        return MagneticBearing(offset, sigma, repeats), off
-
-    def _learn(self, flat: float, up: float, before: tuple[float, float]) -> None:
-        self.steps += 1
-        weight = max(NEWEST, 1 / self.steps)
-        self.reference = (
-            before[0] + weight * (flat - before[0]),
-            before[1] + weight * (up - before[1]),
-        )
+        return MagneticBearing(offset, sigma, seen.repeats), off

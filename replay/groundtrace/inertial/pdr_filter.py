@@ -24,6 +24,8 @@ from .. import kernels
 from .rotations import wrap_angle
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from .steps import PositionReference
 
 #: Of a point without an update by a known place.
@@ -41,11 +43,13 @@ class Track:
         When that is.
     stage, number
         Go into the points.
-    smooth_s
-        Longest piece that is smoothed at once [s]; 0 smooths nothing.
+    piece_s
+        Longest piece that is smoothed, or gone again, at once [s].
     direction_rad
         What all azimuths may be off by together, as a standard deviation that nothing in the
         recording tells [rad]. It is in the covariance of points as far as no known places tell it.
+    smooths
+        Whether smoothed points are given.
     """
 
     def __init__(
@@ -54,24 +58,37 @@ class Track:
         time_ns: int,
         stage: str,
         number: int,
-        smooth_s: float,
+        piece_s: float,
         direction_rad: float = 0.0,
+        *,
+        smooths: bool = True,
     ) -> None:
         self.filter = filter_
         self.stage = stage
         self.number = number
-        self.smooth_s = smooth_s
+        self.piece_s, self.smooths = piece_s, smooths
         self.direction_rad = direction_rad
-        self._begun = (filter_.copy(), time_ns)
         self._turn_rad = self._axis_rad = 0.0
-        self._settled = False
+        self._settled = self._stale = False
         self._anchors = Anchors()
         self._anchors.add(filter_.state[PLACE], float(filter_.covariance[0, 0]))
-        # what may have to be gone again: strides, and after how many of them fixes came
-        self._strides = Strides()
-        self._fixes: list[tuple[int, PositionReference]] = []
         self._knots = TrackHistory()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
+        self._begin_piece()
+        self._is_first = True
+
+    def _begin_piece(self) -> None:
+        """Remember, from now on, what may have to be gone again."""
+        self._begun = (self.filter.copy(), self.time_ns)
+        self._is_first = False
+        # strides, and after how many of them fixes came
+        self._strides = Strides()
+        self._fixes: list[tuple[int, PositionReference]] = []
+
+    @property
+    def begun_ns(self) -> int:
+        """Since when what the compass says of steps may become another thing."""
+        return self._begun[1]
 
     @property
     def time_ns(self) -> int:
@@ -100,17 +117,24 @@ class Track:
             Whether that will hardly change. Until then the steps before are gone again with it.
         """
         self._axis_rad = axis_rad
-        if self._settled:
-            self._strides.count = 0
         self._strides.add(stride)
-        if not self._settled and turn_rad != self._turn_rad:
+        if self._stale or (not self._settled and turn_rad != self._turn_rad):
             before = self._again(turn_rad)
         else:
             self._turn_rad = turn_rad
             before = self._go(self._strides.count - 1, self._strides.count)
-        if settled:
-            self._settled, self._fixes = True, []
+        self._settled = self._settled or settled
         return [self._point(self._knots.moment(-1), before, self.stage), *self._smoothed_batch()]
+
+    def resight(self, sights: Mapping[int, MagneticBearing]) -> None:
+        """Take what the compass says of steps before by now, by time; the next step goes again.
+
+        The direction of a piece that is not the first was told by sights that were off, too.
+        """
+        if self._strides.resight(sights):
+            self._stale = True
+            if not self._is_first:
+                self._begun[0].covariance[OFFSET, OFFSET] += REOPENED_RAD**2
 
     def fix(self, fix: PositionReference) -> list[TrackPoint]:
         """Take in where the walker was at a time; return the point."""
@@ -118,8 +142,7 @@ class Track:
         before = self._knots.moment(-1)
         nis = self._meet(fix)
         self._anchors.add(self.filter.state[PLACE], fix.sigma_m**2 * fix.repeats)
-        if not self._settled:
-            self._fixes.append((self._strides.count, fix))
+        self._fixes.append((self._strides.count, fix))
         return [
             self._point(self._knots.moment(-1), before, self.stage, nis),
             *self._smoothed_batch(),
@@ -127,16 +150,16 @@ class Track:
 
     def flush(self) -> list[TrackPoint]:
         """Return the track smoothed, as far as not said yet."""
-        points = self._smoothed() if self.smooth_s else []
+        points = self._smoothed() if self.smooths else []
         self._knots.keep_last()
         return points
 
     def _again(self, turn_rad: float) -> TrackNode:
-        """Go the track again from its beginning, as the sensor is known to be turned by now.
+        """Go the piece under way again, as turn and sights are known by now.
 
         Return where the walker was before the last step.
         """
-        self._turn_rad, (filter_, time_ns) = turn_rad, self._begun
+        self._stale, self._turn_rad, (filter_, time_ns) = False, turn_rad, self._begun
         self.filter = filter_.copy()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
         gone = 0
@@ -178,7 +201,7 @@ class Track:
         )
         knots.count += more
         before = knots.moment(-3)
-        if not self.smooth_s:
+        if not self.smooths:
             knots.keep_last()
         return before
 
@@ -191,18 +214,17 @@ class Track:
         nis = one.fix(fix.position, fix.sigma_m, fix.repeats, learns_scale=scale)
         last = knots.rows[knots.count - 1]
         last["state"], last["covariance"] = one.state, one.covariance
-        if not self.smooth_s:
+        if not self.smooths:
             knots.keep_last()
         return nis
 
     def _smoothed_batch(self) -> list[TrackPoint]:
-        """Return smoothed points once there are enough."""
-        if not self._settled:
+        """Return smoothed points once there are enough, and begin another piece."""
+        if not self._settled or self.time_ns - self.begun_ns <= self.piece_s * NS_PER_S:
             return []
-        if self.time_ns - int(self._knots.rows["time_ns"][0]) <= self.smooth_s * NS_PER_S:
-            return []
-        points = self._smoothed()[:-1]
+        points = self._smoothed()[:-1] if self.smooths else []
         self._knots.keep_last()
+        self._begin_piece()
         return points
 
     def _smoothed(self) -> list[TrackPoint]:
@@ -274,6 +296,9 @@ class Anchors:
         return before_rad / math.sqrt(1 + before_rad**2 * self.information)
 
 
+#: What a direction may be off by that sights told which are other ones by now [rad]. Chosen by
+#: judgement: nearly a radian, beyond which a track is lost.
+REOPENED_RAD = 0.9
 #: Rows of the state: place [m], offset [rad], its drift [rad/s], mount [rad], scale. Source:
 #: definition.
 PLACE, OFFSET, DRIFT, MOUNT, SCALE = slice(0, 2), 2, 3, 4, 5
@@ -571,6 +596,10 @@ class Stride(NamedTuple):
 UNSEEN = MagneticBearing(math.nan, math.nan, math.nan)
 
 
+#: Columns of a stride that a sight fills. Source: definition.
+SIGHT = ("offset_rad", "sigma_rad", "repeats")
+
+
 @dataclass(slots=True)
 class Strides:
     """Strides in columns that have room for more.
@@ -585,6 +614,15 @@ class Strides:
 
     count: int = 0
     rows: NDArray[Any] = field(default_factory=lambda: np.empty(1, kernels.reckoning.STRIDE))
+
+    def resight(self, sights: Mapping[int, MagneticBearing]) -> bool:
+        """Take other sights of them, by time; return whether there are any."""
+        rows = [k for k in range(self.count) if int(self.rows["time_ns"][k]) in sights]
+        for row in rows:
+            sight = sights[int(self.rows["time_ns"][row])]
+            for name, value in zip(SIGHT, sight, strict=True):
+                self.rows[name][row] = value
+        return bool(rows)
 
     def add(self, stride: Stride) -> None:
         """Add one."""

@@ -140,7 +140,8 @@ class ReckoningParameters:
     ] = 30.0
     smooth: Annotated[bool, measured("", "Also give the track smoothed, when it ends.")] = True
     smooth_s: Annotated[
-        float, measured("s", "Longest piece of a track that is smoothed at once.", gt=0)
+        float,
+        measured("s", "Longest piece of a track that is smoothed, or gone again, at once.", gt=0),
     ] = 3600.0
     cadence_hz: Annotated[float, gate("Hz", "Most steps a second.", gt=0)] = 3.5
     speed_mps: Annotated[float, gate("m/s", "Fastest walk.", gt=0)] = 3.0

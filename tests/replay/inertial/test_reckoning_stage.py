@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.inertial.pdr import DeadReckoning
+from groundtrace.inertial.pdr import CarriedIron, DeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
 from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import parse_pipeline
@@ -56,18 +56,17 @@ PLACE = Stream(
 )
 
 
-def headings(seconds: float, corner_s: float | None) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Heading of the phone's y axis: east, and north after the corner."""
+def headings(seconds: float, corners_s: Sequence[float]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Heading of the phone's y axis: east, and turned to the left by a corner each."""
     t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    corner = math.inf if corner_s is None else corner_s
-    return np.pi / 2 * np.clip((t - corner) / 1.0, 0, 1)
+    return sum((np.pi / 2 * np.clip(t - corner, 0, 1) for corner in corners_s), 0 * t)
 
 
 def signal(
-    seconds: float = 30.0, corner_s: float | None = 15.0, field: bool = True
+    seconds: float = 30.0, corners_s: Sequence[float] = (15.0,), field: bool = True
 ) -> list[SignalBlock]:
     """A phone's level signal in blocks of half a second, topics in turn."""
-    turned = headings(seconds, corner_s)
+    turned = headings(seconds, corners_s)
     n = len(turned)
     t = np.arange(n) / RATE_HZ
     bob = 3 * np.cos(2 * np.pi * t / STEP_S)
@@ -136,7 +135,7 @@ def test_a_walker_goes_east_and_then_north() -> None:
 
 
 def test_velocities_and_growing_covariances_come_with_the_points() -> None:
-    found = points(run(stage(), items(signal(corner_s=None), steps())))
+    found = points(run(stage(), items(signal(corners_s=()), steps())))
     assert math.isnan(found[0].vx_mps)
     assert found[20].vx_mps == pytest.approx(LENGTH_M / STEP_S, abs=0.02)
     spreads = [p.covariance[0] + p.covariance[2] for p in found]
@@ -176,7 +175,7 @@ def test_a_copy_goes_on_as_the_stage_would_have() -> None:
 def test_steps_of_other_types_go_another_way_and_less_far(
     kind: str, turn: float, part: float
 ) -> None:
-    found = points(run(stage(), items(signal(corner_s=None), steps(kind=kind))))
+    found = points(run(stage(), items(signal(corners_s=()), steps(kind=kind))))
     far = part * LENGTH_M * len(steps())
     assert found[-1].x_m == pytest.approx(far * math.cos(turn), abs=0.3)
     assert found[-1].y_m == pytest.approx(far * math.sin(turn), abs=0.3)
@@ -228,15 +227,15 @@ def test_satellite_fixes_are_taken_in_where_there_are_some() -> None:
     metres = LENGTH_M / STEP_S * 1.1 * np.clip(np.arange(30.0) - 1.5, 0, None)
     degrees = np.stack([46.5 + 0 * metres, 6.6 + metres / 76_770], axis=1)
     fixes = [SignalBlock(PLACE, 0, k, degrees[k : k + 1]) for k in range(30)]
-    blocks = sorted([*signal(corner_s=None), *fixes], key=lambda b: b.last_ns)
+    blocks = sorted([*signal(corners_s=()), *fixes], key=lambda b: b.last_ns)
     found = points(run(stage(), items(blocks, steps())))
-    alone = points(run(stage(), items(signal(corner_s=None), steps())))
+    alone = points(run(stage(), items(signal(corners_s=()), steps())))
     assert any(math.isfinite(q.nis) for q in found)
     assert abs(found[-1].x_m - metres[-1]) < abs(alone[-1].x_m - metres[-1])
 
 
 def test_a_gap_ends_the_track_and_the_next_begins_where_it_ended() -> None:
-    before, after = signal(14.0, None), signal(30.0, None)
+    before, after = signal(14.0, ()), signal(30.0, ())
     moved = [b for b in after if b.start_ns >= 18 * NS_PER_S]
     gap = Gap("/acc", 14 * NS_PER_S, 18 * NS_PER_S, "missing", 200)
     early = [s for s in steps() if s.time_ns < 13 * NS_PER_S]
@@ -258,7 +257,7 @@ def test_steps_without_a_gyroscope_lead_nowhere_and_that_is_said() -> None:
 
 
 def test_the_compass_alone_follows_every_disturbance() -> None:
-    blocks = signal(corner_s=None)
+    blocks = signal(corners_s=())
     disturbed = [
         replace(b, samples=b.samples + np.array([0, 3e-5, 0]))
         if b.topic == "/mag" and 10 <= b.start_ns / NS_PER_S < 20
@@ -284,7 +283,7 @@ def test_steps_on_a_stair_are_as_long_as_its_treads() -> None:
     seconds = np.arange(300) / 10
     height_m = 0.17 / STEP_S * np.clip(seconds - 10, 0, 10)
     pressure = 97_600.0 * np.exp(-height_m / 8434.5)
-    blocks = signal(corner_s=None)
+    blocks = signal(corners_s=())
     with_height = [
         item
         for k, block in enumerate(blocks)
@@ -311,7 +310,7 @@ def test_a_fix_counts_as_much_as_it_says() -> None:
         aside = np.stack([np.full(30, 1e-4), np.zeros(30), np.full(30, accuracy_m)], axis=1)
         aside[:5, 0] = 0.0  # later ones are 11 m north of where the walk begins
         fixes = [SignalBlock(told, 0, k, aside[k : k + 1]) for k in range(30)]
-        blocks = sorted([*signal(corner_s=None), *fixes], key=lambda b: b.last_ns)
+        blocks = sorted([*signal(corners_s=()), *fixes], key=lambda b: b.last_ns)
         ends.append(points(run(stage(), items(blocks, steps())))[-1].y_m)
     assert ends[0] > 6
     assert abs(ends[1]) < 5
@@ -319,7 +318,7 @@ def test_a_fix_counts_as_much_as_it_says() -> None:
 
 def test_a_field_that_scatters_leaves_directions_open() -> None:
     """Iron that turns with the phone: each straight way has a field of its own direction."""
-    blocks, iron = signal(corner_s=15.0), np.array([6e-5, 0.0, 0.0])
+    blocks, iron = signal(corners_s=(15.0,)), np.array([6e-5, 0.0, 0.0])
     with_iron = [
         replace(b, samples=b.samples + iron) if b.topic == FIELD.topic else b for b in blocks
     ]
@@ -331,3 +330,53 @@ def test_a_field_that_scatters_leaves_directions_open() -> None:
     assert spreads[1] > 1.5 * spreads[0]
     (note,) = [e.text for e in events[1] if isinstance(e, Note) and "scatters" in e.text]
     assert "all directions together may be off by 10 degrees" not in note
+
+
+def with_iron(blocks: Sequence[SignalBlock], iron: Sequence[float]) -> list[SignalBlock]:
+    """Blocks of a phone that carries iron, the field of which is in its axes [T]."""
+    return [
+        replace(b, samples=b.samples + np.array(iron)) if b.topic == FIELD.topic else b
+        for b in blocks
+    ]
+
+
+@pytest.mark.parametrize("parameters", [P, replace(P, smooth=False), replace(P, smooth_s=20.0)])
+def test_iron_on_the_sensor_is_told_and_taken_away(parameters: ReckoningParameters) -> None:
+    """Where three ways have shown it; from the end on, the whole piece is gone again."""
+    blocks, found = signal(60.0, (15.0, 30.0, 45.0)), steps(60.0)
+    iron = (2.5e-5, -2e-5, 1e-5)
+    plain, laden = (
+        run(stage(parameters), items(x, found)) for x in (blocks, with_iron(blocks, iron))
+    )
+    (news,) = [e for e in laden if isinstance(e, Note) and e.text.startswith("the magnetic field")]
+    assert 30 < news.time_ns / NS_PER_S < 36
+    assert "25, -20, 0 uT" in news.text  # a level phone tells nothing of the vertical
+    assert not [e for e in plain if isinstance(e, Note) and "iron" in e.text]
+    kind = "track.smoothed" if parameters.smooth else "track"
+    ways = [
+        [(p.x_m, p.y_m) for p in events if isinstance(p, TrackPoint) and p.stage == kind]
+        for events in (plain, laden)
+    ]
+    last = [np.subtract(way[-1], way[-15]) for way in ways]
+    np.testing.assert_allclose(*last, atol=0.3)
+    if parameters is P:
+        np.testing.assert_allclose(*ways, atol=0.5)
+
+
+def about_vertical(angle_rad: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_iron_is_the_same_after_a_gap() -> None:
+    """The level axes are others then; the sensor carries what it carried."""
+    carried = CarriedIron()
+    iron, earth = np.array([2e-5, 0.0, 0.0]), np.array([0.0, 2e-5, -4e-5])
+    for axes_rad in (0.0, 1.0):
+        carried.forget_axes()
+        for k in range(80):
+            turn = about_vertical(k // 20 * math.pi / 2)
+            north = about_vertical(axes_rad) @ earth
+            carried.take(north + turn @ iron, turn, 5.0)
+        np.testing.assert_allclose(carried.field, iron, atol=2e-6)
+    assert carried.explained > 0.9
