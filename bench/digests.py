@@ -74,7 +74,7 @@ CASES = (
     ),
     Case(
         "hard-room",
-        ("room-footsteps", "room-steps"),
+        ("room-footsteps", "room-steps", "floor-steps"),
         "steps.min_channels=3",
         "steps.min_channels=3:9:7",
         simulated="room --seed 5 --snr 12 --walls 0.6 --resonances --dead G2",

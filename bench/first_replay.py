@@ -27,7 +27,7 @@ ROOM = "room --seed 7 --rate-hz 4000 --duration-s 4"
 WALK = "walk --seed 7 --duration-s 20"
 ROAD = "vehicle --seed 7 --layout stations --duration-s 60 --passes 2"
 SIMULATED = {
-    ROOM: ("room-footsteps", "room-steps"),
+    ROOM: ("room-footsteps", "room-steps", "floor-steps"),
     f"{ROOM} --walkers 2": ("room-two-walkers",),
     f"{ROOM} --channels 4 --triaxial": ("room-bearings",),
     f"{ROOM} --impacts": ("hammer-shots", "signals"),

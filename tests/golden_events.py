@@ -67,6 +67,7 @@ CASES = (
     ("stations", "room-bearings"),
     ("two", "room-two-walkers"),
     ("two", "room-steps"),
+    ("room-walk-broken", "floor-steps"),
     ("impacts", "hammer-shots"),
     ("impacts", "signals"),
     ("impacts", "other-pickers"),

@@ -34,6 +34,8 @@ def fitting_pipeline(recording: Recording) -> str | None:
         indoors = recording.geometry is not None and bool(recording.geometry.outline)
         if not indoors and "trigger" in _truth(recording):
             return "hammer-shots"
+        if "step" in _truth(recording) and steps_pipeline(recording) is None:
+            return "floor-steps"
     elif moves and not _on_foot(recording) and "step" not in (truth := _truth(recording)):
         if truth & {"heading", "disturbed"}:
             return "heading"
@@ -49,6 +51,8 @@ def steps_pipeline(recording: Recording) -> str | None:
         return _beside_a_road(recording.geometry)
     if recording.geometry is not None and recording.geometry.sensors and seismic >= 3:
         return "room-footsteps"
+    if seismic and any("floor" in (s.placement or "") for s in recording.streams):
+        return "floor-steps"
     if _on_foot(recording):
         return "foot-inertial"
     if _has(recording, "acceleration") or _has(recording, "acceleration_magnitude"):

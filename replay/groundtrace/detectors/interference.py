@@ -176,7 +176,7 @@ class MainsHum:
                 "hum",
                 f"hum at {f:.1f} Hz{also}, {percent(line.share)} of the power between steps",
                 "weak onsets drown in it",
-                _filter_advice(line),
+                _filter_advice(line, self.stream.rate_hz),
             )
         if len(line.harmonics) < HARMONICS:
             return None
@@ -190,10 +190,15 @@ class MainsHum:
         )
 
 
-def _filter_advice(line: Line) -> str:
-    """Return the band that keeps it out: a slope of second order takes 24 dB over two octaves."""
+def _filter_advice(line: Line, rate_hz: float) -> str:
+    """Return the band that keeps it out: a slope of second order takes 24 dB over two octaves.
+
+    Where that leaves no octave below half the rate, what finds steps beside it.
+    """
     top = max((1, *line.harmonics)) * line.frequency_hz
     low = 10 * np.ceil(4 * top / 10)
+    if 4 * low > rate_hz:
+        return "look for its source; floor-steps finds steps at the frequencies beside it"
     return (
         f"look for its source; where places suffer, a band above it helps: --set "
         f"picks.low_hz={low:.0f} --set arrivals.low_hz={low:.0f}"

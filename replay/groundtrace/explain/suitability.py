@@ -103,7 +103,17 @@ def refuse_unsuitable(
     raise PipelineError(
         f"{config.name} needs {missing or ' or '.join(_words(wanted))}; "
         f"{name} has {_what_there_is(streams, geometry)}. Fitting: {fitting}."
+        + (_ON_A_FLOOR if config.needs.seismic_channels and _floors(streams) else "")
     )
+
+
+#: Said where a floor's acceleration goes by the name of a worn sensor's.
+_ON_A_FLOOR = " Of a sensor on a floor the quantity is ground_acceleration: say so in its map."
+
+
+def _floors(streams: Sequence[Stream]) -> bool:
+    """Return whether a sensor on a floor is said to measure a body's acceleration."""
+    return any("floor" in s.placement and s.columns_of({"acceleration"}) for s in streams)
 
 
 def fitting_pipelines(streams: Sequence[Stream], geometry: Geometry | None) -> list[str]:

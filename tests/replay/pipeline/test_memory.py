@@ -42,6 +42,7 @@ BEFORE = {
     "toa-cv": (),
     "toa-sb": (),
     "sta-lta": (),
+    "footfall-power": (),
     "rest-swing": (),
     "coincidence": ("toa-cv",),
     "bearings": ("toa-cv", "coincidence"),
