@@ -30,7 +30,6 @@ from ..pipeline.stage import (
     CHAINED,
     CannotStart,
     Context,
-    Curve,
     Input,
     Measured,
     Memory,
@@ -256,7 +255,7 @@ class FootfallPower(Stage):
         self._frames = WholeFrames(math.lcm(CHUNK, self._trace.length) * windows.hop)
         self._signal = np.empty((4, channels, 0))  # rows of the trace that wait for their ratios
         self._ratios = np.empty((channels, 0))  # that maxima may be in, and one before
-        self._first = self._reached = 0  # hop of the first, and of the last block's first
+        self._first = 0  # hop of the first of them
         return tuple(c.name for c in stream.channels)
 
     def process(self, block: SignalBlock) -> Measured:
@@ -266,11 +265,6 @@ class FootfallPower(Stage):
             return Measured(Candidates.empty(len(self.columns)), self._trace.nothing())
         self._clock.add(block)
         return self._take(*self._windows.add(planar(block)))
-
-    def curve(self) -> Curve | None:
-        """Return the ratio in the middles of the hops that the last ``process`` completed."""
-        value = self._ratios[:, self._reached - self._first :].T
-        return Curve(self._times(self._reached + np.arange(len(value), dtype=float)), value)
 
     def flush(self) -> Measured:
         """End the run."""
@@ -283,9 +277,8 @@ class FootfallPower(Stage):
         signal = np.concatenate([self._signal, signal], axis=2)
         count = ratios.shape[1]
         self._signal, signal = signal[:, :, count:], signal[:, :, :count]
-        self._reached = self._first + self._ratios.shape[1]
+        begins = self._first + self._ratios.shape[1] + np.arange(count)
         self._ratios = np.concatenate([self._ratios, ratios], axis=1)
-        begins = self._reached + np.arange(count)
         frames = self._trace.add(self._clock.at(begins * self._windows.hop), ratios, *signal)
         candidates = self._candidates(self._maxima.add(ratios, final=final))
         self._forget()
@@ -313,7 +306,7 @@ class FootfallPower(Stage):
 
     def _forget(self) -> None:
         """Forget ratios in which no maximum is any more, and times of samples before them."""
-        first = min(max(self._maxima.settled - 1, self._first), self._reached)
+        first = max(self._maxima.settled - 1, self._first)
         self._ratios = self._ratios[:, first - self._first :]
         self._first = first
         self._clock.discard_before(first * self._windows.hop)
