@@ -160,8 +160,8 @@ _RHYTHM = 5
 class ByRhythm:
     """A step is a peak that rises far enough, dominates its step time, and keeps the rhythm.
 
-    It is none where the sensor is being handled. Who walks on while turning it keeps a steady rhythm,
-    where ``tilt`` is half of what the sensor turns by.
+    It is none where the sensor is being handled. Who walks on while turning it keeps a steady
+    rhythm, where ``tilt`` is half of what the sensor turns by.
     """
 
     columns: tuple[Quantity, ...] = (
