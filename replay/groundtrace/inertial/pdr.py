@@ -536,9 +536,10 @@ IRON_T, SCATTER_T = 30e-6, 5e-6
 #: many standard deviations from none. Chosen by trial on logs of IPIN 2023: without iron it
 #: explains half at most where a compass is not calibrated anew on the way; with 15 uT added, more.
 EXPLAINED, SURE_SIGMAS = 0.6, 5.0
-#: Fields of so many ways tell iron, each turned from the one before by more than this: the cosine.
-#: Chosen by judgement: iron explains whatever two ways show; corners turn by 90 degrees.
-LEAST_WAYS, TURNED = 3, 0.5
+#: A way is another one where it is turned by more than this from the one before, and iron is told
+#: where these turns are more than that together [rad]. Chosen by judgement: iron explains whatever
+#: the two ways at one corner show; there and back along one way, or at two corners, it must be it.
+OTHER_WAY_RAD, LEAST_TURNED_RAD = math.radians(60), math.radians(115)
 #: Sights are taken anew where other iron changes fields by more than this, root mean square [T].
 #: Chosen by judgement: five degrees of a field of 20 uT.
 OTHER_T = 2e-6
@@ -569,7 +570,7 @@ class CarriedIron:
         self._steps, self._repeats = 0, 0.0
         # of level axes before: normal equations, and squares about the means
         self._matrix, self._right, self._squares = np.zeros((3, 3)), np.zeros(3), 0.0
-        self._ways = 0
+        self._turned_rad = 0.0
         self.forget_axes()
 
     def forget_axes(self) -> None:
@@ -598,8 +599,10 @@ class CarriedIron:
         self._fields, self._turns = self._fields + field_t, self._turns + turn
         self._products = self._products + field_t @ turn
         self._norms += float(field_t @ field_t)
-        if self._way is None or (float(np.vdot(self._way, turn)) - 1) / 2 < TURNED:
-            self._way, self._ways = turn, self._ways + 1
+        self._way = turn if self._way is None else self._way
+        turned_rad = math.acos(min(max((float(np.vdot(self._way, turn)) - 1) / 2, -1.0), 1.0))
+        if turned_rad > OTHER_WAY_RAD:
+            self._way, self._turned_rad = turn, self._turned_rad + turned_rad
         matrix, right, squares = self._normal()
         spread = self._repeats / self._steps
         prior = np.eye(3) / IRON_T**2
@@ -607,7 +610,8 @@ class CarriedIron:
         left = squares - float(iron @ (2 * right - matrix @ iron))
         noise = max(left / (3 * self._steps), SCATTER_T**2) * spread
         sure = float(iron @ (matrix / noise + prior) @ iron) > SURE_SIGMAS**2
-        is_iron = sure and left < (1 - EXPLAINED) * squares and self._ways >= LEAST_WAYS
+        turned = self._turned_rad > LEAST_TURNED_RAD
+        is_iron = sure and turned and left < (1 - EXPLAINED) * squares
         apart = (iron if is_iron else 0.0) - self.field
         if apart @ matrix @ apart <= OTHER_T**2 * self._steps:
             return False
