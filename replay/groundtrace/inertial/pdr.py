@@ -610,8 +610,8 @@ class CarriedIron:
         left = squares - float(iron @ (2 * right - matrix @ iron))
         noise = max(left / (3 * self._steps), SCATTER_T**2) * spread
         sure = float(iron @ (matrix / noise + prior) @ iron) > SURE_SIGMAS**2
-        turned = self._turned_rad > LEAST_TURNED_RAD
-        is_iron = sure and turned and left < (1 - EXPLAINED) * squares
+        has_turned = self._turned_rad > LEAST_TURNED_RAD
+        is_iron = sure and has_turned and left < (1 - EXPLAINED) * squares
         apart = (iron if is_iron else 0.0) - self.field
         if apart @ matrix @ apart <= OTHER_T**2 * self._steps:
             return False
