@@ -273,12 +273,15 @@ def _check_text(judge: Judge | None, spreads: Spreads, worse: int, *, contradict
     windows = f"{len(spreads)} windows of {spreads.window_s:g} s"
     if judge is None:
         return f"not checked: {windows}, 5 are needed"
+    carried = "it moves with the sensor more than it turns"
+    if judge.iron is not None:
+        axes = ", ".join(f"{round(1e6 * part)}" for part in judge.iron)
+        carried = f"{axes} uT of it turn with the sensor"
     if judge.silent:
-        return (
-            f"not checked: it moves with the sensor more than it turns ({windows}), as iron in the "
-            "sensor or a missing calibration makes it"
-        )
+        cause = "as iron in the sensor or a missing calibration makes it"
+        return f"not checked: {carried} ({windows}), {cause}"
     evidence = f"{worse} of 47 other axis maps fit worse ({windows})"
+    evidence += "" if judge.iron is None else f"; {carried}"
     if contradicted:
         return f"contradicted: {evidence}"
     if worse < MOST_RIVALS:
@@ -499,6 +502,9 @@ class Judge:
         Logarithm of the spread without turning over a rival's, shape (n_windows, 48).
     spreads
         Where they come from.
+    iron
+        Of a field what turns with the sensor, along its axes, shape (3,) [T]; None unless the field
+        without it stands stiller by the stated axes than the whole by any others.
     """
 
     quantity: str
@@ -506,6 +512,7 @@ class Judge:
     relative_gain: Array
     still: Array
     spreads: Spreads
+    iron: Array | None = None
 
     @classmethod
     def of(cls, quantity: str, spreads: Spreads) -> Judge | None:
@@ -516,7 +523,8 @@ class Judge:
         still = np.array(spreads.still)[:, None] - rivals
         left = rivals - np.array(spreads.lengths)
         relative_gain = (left[:, :1] - left).mean(axis=0)
-        return cls(quantity, rivals[:, :1] - rivals, relative_gain, still, spreads)
+        iron = spreads.iron() if quantity == FIELD else None
+        return cls(quantity, rivals[:, :1] - rivals, relative_gain, still, spreads, iron)
 
     @property
     def better(self) -> Mask:
@@ -544,8 +552,13 @@ class Judge:
 
     @property
     def silent(self) -> bool:
-        """Whether neither what is stated nor any rival stands stiller than without turning."""
-        return self.quantity == "magnetic_field" and bool((self.still.mean(axis=0) <= 0).all())
+        """Whether nothing is told of the axes, as iron turns with the sensor.
+
+        It is told where a rival fits better but what turns with the sensor explains more, and where
+        neither what is stated nor any rival stands stiller than without turning.
+        """
+        still = self.quantity == FIELD and bool((self.still.mean(axis=0) <= 0).all())
+        return still or (self.iron is not None and bool(self.better.any()))
 
 
 def mean_and_errors(values: Array) -> tuple[Array, Array]:
@@ -814,6 +827,10 @@ class Spreads:
         Of some of the windows in every unit, shape (3, 48): of spreads over that length.
     units_still
         The same with no turning at all.
+    turned
+        Of each window, unless other units are tried, by the stated axes: products of the means of
+        blocks' rotations, shape (3, 3), theirs with the means of what is turned back, (3,), and the
+        squares of these, about their means.
     still
         Of each window, with no turning at all.
     turning, shaking
@@ -830,6 +847,7 @@ class Spreads:
     lengths: list[Array] = field(default_factory=list)
     units: list[Array] = field(default_factory=list)
     units_still: list[float] = field(default_factory=list)
+    turned: list[tuple[Array, Array, float]] = field(default_factory=list)
     still: list[float] = field(default_factory=list)
     turning: list[float] = field(default_factory=list)
     shaking: list[float] = field(default_factory=list)
@@ -842,6 +860,22 @@ class Spreads:
 
     def __len__(self) -> int:
         return len(self.rivals)
+
+    def iron(self) -> Array | None:
+        """Return what turns with the sensor, where that explains more than any other axes do [T].
+
+        In a window the mean of a block is F + R b, with R the mean rotation of its samples: F is
+        the window's, b is found by least squares over all.
+        """
+        products, right, squares = (np.array(x) for x in zip(*self.turned, strict=True))
+        if np.linalg.matrix_rank(products.sum(axis=0)) < 3:
+            return None
+        iron = np.linalg.solve(products.sum(axis=0), right.sum(axis=0))
+        left = squares - 2 * right @ iron + np.einsum("i,nij,j->n", iron, products, iron)
+        carried = np.log(np.sqrt(np.maximum(left, 0) / self.blocks) + _FLOOR)
+        mean, errors = mean_and_errors(np.array(self.rivals) - carried[:, None])
+        explains = bool(((mean > RATIO) & (errors > ERRORS)).all())
+        return np.asarray(iron / _FIELD_SCALE) if explains else None
 
     def gap(self) -> None:
         """Begin a new run."""
@@ -885,6 +919,8 @@ class Spreads:
             length = float(np.linalg.norm(means.mean(axis=0)))
             self.units.append(spreads - lengths)
             self.units_still.append(still - math.log(length + _FLOOR))
+        if not self.scaled:
+            self.turned.append(_turned(orientations[0], vector, edges))
         self.rivals.append(spreads[0])
         self.lengths.append(lengths[0])
         self.still.append(still)
@@ -897,6 +933,30 @@ class Spreads:
 def _spread(means: Array) -> float:
     """Return how far means of blocks, shape (n_blocks, 3), are from their mean."""
     return math.sqrt(float(((means - means.mean(axis=0)) ** 2).sum() / len(means)))
+
+
+def _turned(
+    orientation: Array, vector: Array, edges: NDArray[np.intp]
+) -> tuple[Array, Array, float]:
+    """Return what tells iron of a window, as :attr:`Spreads.turned` has it.
+
+    Parameters
+    ----------
+    orientation
+        Rotations to the beginning of the window, shape (3, 3, n_samples).
+    vector
+        Shape (n_samples, 3).
+    edges
+        Where blocks begin and end.
+    """
+    parts = list(itertools.pairwise(edges))
+    turns = np.stack([orientation[:, :, a:b].mean(axis=2) for a, b in parts])
+    means = np.stack(
+        [np.einsum("kin,ni->k", orientation[:, :, a:b], vector[a:b]) / (b - a) for a, b in parts]
+    )
+    turns, means = turns - turns.mean(axis=0), means - means.mean(axis=0)
+    products = np.einsum("bki,bkj->ij", turns, turns)
+    return products, np.einsum("bki,bk->i", turns, means), float((means * means).sum())
 
 
 def _spreads(orientations: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
