@@ -36,6 +36,7 @@ from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 
 from .. import kernels
 from .attitude import Attitude, AttitudeNoise, HeadingFrames, HeadingParameters
+from .carried_iron import FieldWindows
 from .frames import Samples
 from .heading import HeadingEstimator
 from .rotations import rotated
@@ -119,14 +120,18 @@ class LevelFrameTracker:
     ----------
     rate_hz
         Its sampling rate [Hz].
+    field_windows
+        What tells iron on it.
     """
 
     rate_hz: float
+    field_windows: FieldWindows = field(init=False)
     _estimator: HeadingEstimator = field(init=False)
     _waiting: list[Samples] = field(default_factory=list)
     _motion: LevelFrameMotion | None = None
 
     def __post_init__(self) -> None:
+        self.field_windows = FieldWindows(self.rate_hz)
         self._estimator = HeadingEstimator(HeadingParameters(), self.rate_hz)
         self._estimator.attitude = Attitude(AttitudeNoise(bias_start=BIAS), free=True)
 
@@ -173,6 +178,7 @@ class LevelFrameTracker:
         new = LevelFrameMotion(
             samples.time_ns, frames.orientation, force, field_, rested_s, unseen_rad2
         )
+        self.field_windows.add(new.time_ns, new.orientation, new.field)
         self._motion = new if self._motion is None else _joined(self._recent(new), new)
 
     def _rested(self, frames: HeadingFrames) -> Array:

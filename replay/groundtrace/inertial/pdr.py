@@ -21,6 +21,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.stage import Context, Input, Memory, Stage
 from .body_motion import LevelFrameTracker
+from .carried_iron import CarriedIron, IronFit
 from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
 from .pdr_filter import MagneticBearing, ReckoningFilter, ReckoningNoise, Stride, Track
 from .rotations import mean_matrix, wrap_angle
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
     from ..pipeline.stage import Output
     from .body_motion import Ahead, LevelFrameMotion
+    from .carried_iron import IronWindow
     from .rotations import Array
     from .steps import PositionReference
 
@@ -126,6 +128,10 @@ class PedestrianDeadReckoning:
     def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
         self._places += places
+
+    def learn(self, windows: Sequence[IronWindow]) -> None:
+        """Take what windows before the next step tell of iron on the sensor."""
+        self._north.learn(windows)
 
     def measure(
         self, step: StepEvent, motion: LevelFrameMotion, height_m: float, climb_mps: float
@@ -211,7 +217,7 @@ class PedestrianDeadReckoning:
             f"the field's direction scatters by {scatter_deg:.0f} degrees over {self._north.steps} "
             f"steps; all directions together may be off by {direction_deg:.0f} "
             "degrees, which nothing here tells but a known direction or a second known place"
-            + (self._north.iron.remark and f"; {self._north.iron.remark}")
+            + (self._north.iron_told and f"; {self._north.iron_told}")
         )
 
     def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
@@ -485,6 +491,7 @@ class DeadReckoning(Stage):
             self._know(step.time_ns + LATE_NS)
             height_m = self._barometer.height_m(step.time_ns)
             climb_mps = self._barometer.climb_mps(step.time_ns)
+            self._reckoner.learn(sensor.motion.field_windows.until(step.time_ns))
             yield self._reckoner.measure(step, sensor.motion.history, height_m, climb_mps)
 
     def _complete(self, time_ns: int) -> bool:
@@ -497,7 +504,8 @@ class DeadReckoning(Stage):
 
     def _interrupt(self, time_ns: int) -> Iterator[Output]:
         """Go on with the next sensor: the end of a track, and the beginning of another."""
-        self._sensors.pop(0)
+        motion = self._sensors.pop(0).motion
+        self._reckoner.learn([] if motion is None else motion.field_windows.until(time_ns))
         self._know(time_ns)
         yield from self._reckoner.flush(time_ns)
         number = self._context.tracks.next()
@@ -529,118 +537,27 @@ NEWEST = 0.02
 #: The earth's field has a horizontal part of at least about this, where a compass works [T]. Chosen
 #: by judgement: below 6 uT the World Magnetic Model cautions against compasses.
 LEAST_T = 5e-6
-#: What iron of an uncalibrated sensor adds, and what a building's field scatters by, per axis [T].
-#: Chosen by trial on logs of IPIN 2023: 2 to 6 uT; uncalibrated sensors of mobgap have 20 of iron.
-IRON_T, SCATTER_T = 30e-6, 5e-6
-#: Iron is believed in where it explains this part of the squares that fields scatter by, and is so
-#: many standard deviations from none. Chosen by trial on logs of IPIN 2023: without iron it
-#: explains half at most where a compass is not calibrated anew on the way; with 15 uT added, more.
-EXPLAINED, SURE_SIGMAS = 0.6, 5.0
-#: A way is another one where it is turned by more than this from the one before, and iron is told
-#: where these turns are more than that together [rad]. Chosen by judgement: iron explains whatever
-#: the two ways at one corner show; there and back along one way, or at two corners, it must be it.
-OTHER_WAY_RAD, LEAST_TURNED_RAD = math.radians(60), math.radians(115)
-#: Sights are taken anew where other iron changes fields by more than this, root mean square [T].
-#: Chosen by judgement: five degrees of a field of 20 uT.
+#: Sights are taken anew where other iron is believed in that is apart by more than this [T]. Chosen
+#: by judgement: five degrees of a field of 20 uT.
 OTHER_T = 2e-6
-
-
 #: Said where iron is no longer believed in.
 NO_IRON = "the magnetic field no longer turns with the sensor: no iron is taken away"
 
 
-class CarriedIron:
-    """Tells the iron on a sensor, which turns with it, from a field that stays where it is.
-
-    The field of step i in level axes is F + R_i b, with R_i from the sensor's axes to the level
-    ones. F and b are found by least squares over all steps, b as one of about 0; F anew where the
-    level axes are. What a building adds is taken for noise that errs alike over some steps.
+class SeenField(NamedTuple):
+    """The field of a step.
 
     Attributes
     ----------
+    time_ns
+        When the step ends.
     field
-        Of the iron, in the sensor's axes, shape (3,) [T]; 0 while none is believed in.
-    explained
-        Part of the squares that fields scatter by that it explains.
+        Its mean in level axes, shape (3,) [T].
+    turn
+        The mean rotation from the sensor's axes to these, shape (3, 3).
+    repeats
+        How many steps in a row err alike.
     """
-
-    def __init__(self) -> None:
-        self.field = np.zeros(3)
-        self.explained = 0.0
-        self._steps, self._repeats = 0, 0.0
-        # of level axes before: normal equations, and squares about the means
-        self._matrix, self._right, self._squares = np.zeros((3, 3)), np.zeros(3), 0.0
-        self._turned_rad = 0.0
-        self.forget_axes()
-
-    def forget_axes(self) -> None:
-        """Take it that the level axes are others from now on."""
-        self._way: Array | None = None
-        if self._steps:
-            self._matrix, self._right, self._squares = self._normal()
-        # of these axes: fields, turns, and products
-        self._count, self._fields, self._turns = 0, np.zeros(3), np.zeros((3, 3))
-        self._products, self._norms = np.zeros(3), 0.0
-
-    def take(self, field_t: Array, turn: Array, repeats: float) -> bool:
-        """Take the field of a step; return whether other iron is believed in than before.
-
-        Parameters
-        ----------
-        field_t
-            In level axes, shape (3,) [T].
-        turn
-            Mean rotation from the sensor's axes to the level ones, shape (3, 3).
-        repeats
-            How many steps in a row err alike.
-        """
-        self._steps, self._count = self._steps + 1, self._count + 1
-        self._repeats += max(repeats, 1.0)
-        self._fields, self._turns = self._fields + field_t, self._turns + turn
-        self._products = self._products + field_t @ turn
-        self._norms += float(field_t @ field_t)
-        self._way = turn if self._way is None else self._way
-        turned_rad = math.acos(min(max((float(np.vdot(self._way, turn)) - 1) / 2, -1.0), 1.0))
-        if turned_rad > OTHER_WAY_RAD:
-            self._way, self._turned_rad = turn, self._turned_rad + turned_rad
-        matrix, right, squares = self._normal()
-        spread = self._repeats / self._steps
-        prior = np.eye(3) / IRON_T**2
-        iron = np.linalg.solve(matrix + SCATTER_T**2 * spread * prior, right)
-        left = squares - float(iron @ (2 * right - matrix @ iron))
-        noise = max(left / (3 * self._steps), SCATTER_T**2) * spread
-        sure = float(iron @ (matrix / noise + prior) @ iron) > SURE_SIGMAS**2
-        has_turned = self._turned_rad > LEAST_TURNED_RAD
-        is_iron = sure and has_turned and left < (1 - EXPLAINED) * squares
-        apart = (iron if is_iron else 0.0) - self.field
-        if apart @ matrix @ apart <= OTHER_T**2 * self._steps:
-            return False
-        self.field = self.field + apart
-        self.explained = 1 - left / squares if is_iron else 0.0
-        return True
-
-    @property
-    def remark(self) -> str:
-        """What a person should know of it; empty where there is none."""
-        if not self.field.any():
-            return ""
-        axes = ", ".join(f"{1e6 * part:.0f}" for part in self.field)
-        return (
-            f"the magnetic field turns with the sensor as iron on it does: {axes} uT along its "
-            f"axes explain {100 * self.explained:.0f} % of the squares that the field scatters by, "
-            "and are taken away"
-        )
-
-    def _normal(self) -> tuple[Array, Array, float]:
-        """Return matrix and right side of the iron's normal equations, and squares to explain."""
-        n, turns, fields = max(self._count, 1), self._turns, self._fields
-        matrix = self._matrix + self._count * np.eye(3) - turns.T @ turns / n
-        right = self._right + self._products - fields @ turns / n
-        return matrix, right, self._squares + self._norms - float(fields @ fields) / n
-
-
-class SeenField(NamedTuple):
-    """The field of a step: when that ends [ns], field [T] and turn as iron takes them, repeats."""
 
     time_ns: int
     field: Array
@@ -659,7 +576,7 @@ class FieldDirection:
     Attributes
     ----------
     iron
-        What the sensor carries; taken away from fields.
+        What the sensor carries; None while none is believed in. It is taken away from fields.
     steps
         How many steps the reference rests on.
     news
@@ -668,7 +585,8 @@ class FieldDirection:
 
     def __init__(self, parameters: ReckoningParameters) -> None:
         self.parameters = parameters
-        self.iron = CarriedIron()
+        self.iron: IronFit | None = None
+        self._carried = CarriedIron()
         self._seen: list[SeenField] = []
         self._others: dict[int, MagneticBearing] = {}
         self.news = ""
@@ -681,8 +599,7 @@ class FieldDirection:
 
     def forget_axes(self) -> None:
         """Take it that the level axes are others from now on; the iron is the same."""
-        self.iron.forget_axes()
-        self._seen = []
+        self._seen, self._others = [], {}
         self._begin()
 
     @property
@@ -695,6 +612,34 @@ class FieldDirection:
             return math.nan
         resultant = min(abs(self._directions) / self.steps, 1.0)
         return math.sqrt(-2 * math.log(max(resultant, 1e-9)))
+
+    @property
+    def iron_told(self) -> str:
+        """What a person should know of the iron; empty where there is none."""
+        if self.iron is None:
+            return ""
+        return (
+            f"{self.iron.words} of the magnetic field turn with the sensor, as iron in it or a "
+            "missing calibration makes it, and are taken away"
+        )
+
+    def learn(self, windows: Sequence[IronWindow]) -> None:
+        """Take what windows tell of the iron; take sights anew where it is another one."""
+        for window in windows:
+            self._carried.add(window)
+        fit = self._carried.fit() if windows else None
+        if fit is None:
+            return
+        before, self.iron = self.iron, fit if fit.believed else None
+        now_t, before_t = (np.zeros(3) if x is None else x.field for x in (self.iron, before))
+        if float(np.linalg.norm(now_t - before_t)) <= OTHER_T:
+            self.iron = before
+            return
+        if (before is None) != (self.iron is None):
+            self.news = self.iron_told or NO_IRON
+        self._begin()
+        looked = {seen.time_ns: self._look(seen)[0] for seen in self._seen}
+        self._others = {time_ns: sight for time_ns, sight in looked.items() if sight}
 
     def sight(
         self, motion: LevelFrameMotion, start_ns: int, stop_ns: int, length_m: float
@@ -709,13 +654,6 @@ class FieldDirection:
             return None, math.nan
         repeats = 2 * self.parameters.compass_memory_m / max(length_m, 0.1)
         seen = SeenField(stop_ns, field_, mean_matrix(motion.orientation[rows]), repeats)
-        had_iron = self.iron.field.any()
-        if self.iron.take(*seen[1:]):
-            self._begin()
-            looked = {before.time_ns: self._look(before)[0] for before in self._seen}
-            self._others = {time_ns: sight for time_ns, sight in looked.items() if sight}
-            if had_iron != self.iron.field.any():
-                self.news = self.iron.remark or NO_IRON
         self._seen.append(seen)
         return self._look(seen)
 
@@ -730,7 +668,8 @@ class FieldDirection:
         del self._seen[:old]
 
     def _look(self, seen: SeenField) -> tuple[MagneticBearing | None, float]:
-        east, north, up = (seen.field - seen.turn @ self.iron.field).tolist()
+        field_ = seen.field if self.iron is None else seen.field - seen.turn @ self.iron.field
+        east, north, up = field_.tolist()
         flat = math.hypot(east, north)
         if flat == 0:
             return None, math.nan

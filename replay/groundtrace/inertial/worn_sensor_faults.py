@@ -38,6 +38,7 @@ from ..detectors.clipping import Limits, Repeats
 from ..detectors.held_values import WORN, StuckValues
 from ..detectors.signal_faults import FaultDetectors, Finding
 from ..pipeline.source import BRIDGE_S, run_tracker
+from .carried_iron import BLOCKS, WINDOW_S, CarriedIron, IronFit, IronWindow, iron_window
 from .frames import PATIENCE_NS, SensorAligner, columns_of_axes
 from .placement import PlacementWatch
 
@@ -58,7 +59,7 @@ SOURCE = "health"
 #: Windows [s] and the blocks in each: gravity stands still for good, a field indoors for some steps
 #: only. Chosen by those who asked for the check.
 FORCE_WINDOW_S, FORCE_BLOCKS = 8.0, 4
-FIELD_WINDOW_S, FIELD_BLOCKS = 3.0, 6
+FIELD_WINDOW_S, FIELD_BLOCKS = WINDOW_S, BLOCKS
 #: The field is brought to about the size of gravity, above the floor of spreads [1/T]. Source:
 #: definition: 50 uT become 5.
 _FIELD_SCALE = 1e5
@@ -275,8 +276,7 @@ def _check_text(judge: Judge | None, spreads: Spreads, worse: int, *, contradict
         return f"not checked: {windows}, 5 are needed"
     carried = "it moves with the sensor more than it turns"
     if judge.iron is not None:
-        axes = ", ".join(f"{round(1e6 * part)}" for part in judge.iron)
-        carried = f"{axes} uT of it turn with the sensor"
+        carried = f"{judge.iron.words} of it turn with the sensor"
     if judge.silent:
         cause = "as iron in the sensor or a missing calibration makes it"
         return f"not checked: {carried} ({windows}), {cause}"
@@ -503,8 +503,8 @@ class Judge:
     spreads
         Where they come from.
     iron
-        Of a field what turns with the sensor, along its axes, shape (3,) [T]; None unless the field
-        without it stands stiller by the stated axes than the whole by any others.
+        Of a field what turns with the sensor; None unless the field without it stands stiller by
+        the stated axes than the whole by any others.
     """
 
     quantity: str
@@ -512,7 +512,7 @@ class Judge:
     relative_gain: Array
     still: Array
     spreads: Spreads
-    iron: Array | None = None
+    iron: IronFit | None = None
 
     @classmethod
     def of(cls, quantity: str, spreads: Spreads) -> Judge | None:
@@ -827,10 +827,8 @@ class Spreads:
         Of some of the windows in every unit, shape (3, 48): of spreads over that length.
     units_still
         The same with no turning at all.
-    turned
-        Of each window, unless other units are tried, by the stated axes: products of the means of
-        blocks' rotations, shape (3, 3), theirs with the means of what is turned back, (3,), and the
-        squares of these, about their means.
+    iron_windows
+        Of each window of a field what tells iron, by the stated axes.
     still
         Of each window, with no turning at all.
     turning, shaking
@@ -847,7 +845,7 @@ class Spreads:
     lengths: list[Array] = field(default_factory=list)
     units: list[Array] = field(default_factory=list)
     units_still: list[float] = field(default_factory=list)
-    turned: list[tuple[Array, Array, float]] = field(default_factory=list)
+    iron_windows: list[IronWindow] = field(default_factory=list)
     still: list[float] = field(default_factory=list)
     turning: list[float] = field(default_factory=list)
     shaking: list[float] = field(default_factory=list)
@@ -861,21 +859,20 @@ class Spreads:
     def __len__(self) -> int:
         return len(self.rivals)
 
-    def iron(self) -> Array | None:
-        """Return what turns with the sensor, where that explains more than any other axes do [T].
-
-        In a window the mean of a block is F + R b, with R the mean rotation of its samples: F is
-        the window's, b is found by least squares over all.
-        """
-        products, right, squares = (np.array(x) for x in zip(*self.turned, strict=True))
-        if np.linalg.matrix_rank(products.sum(axis=0)) < 3:
+    def iron(self) -> IronFit | None:
+        """Return what turns with the sensor, where that explains more than any other axes do."""
+        carried = CarriedIron()
+        for window in self.iron_windows:
+            carried.add(window)
+        fit = carried.fit()
+        if fit is None:
             return None
-        iron = np.linalg.solve(products.sum(axis=0), right.sum(axis=0))
-        left = squares - 2 * right @ iron + np.einsum("i,nij,j->n", iron, products, iron)
-        carried = np.log(np.sqrt(np.maximum(left, 0) / self.blocks) + _FLOOR)
-        mean, errors = mean_and_errors(np.array(self.rivals) - carried[:, None])
-        explains = bool(((mean > RATIO) & (errors > ERRORS)).all())
-        return np.asarray(iron / _FIELD_SCALE) if explains else None
+        products, right, squares = (np.array(x) for x in zip(*self.iron_windows, strict=True))
+        left = squares - 2 * right @ fit.field
+        left += np.einsum("i,nij,j->n", fit.field, products, fit.field)
+        spreads = np.sqrt(np.maximum(left, 0) / self.blocks) * _FIELD_SCALE
+        mean, errors = mean_and_errors(np.array(self.rivals) - np.log(spreads + _FLOOR)[:, None])
+        return fit if bool(((mean > RATIO) & (errors > ERRORS)).all()) else None
 
     def gap(self) -> None:
         """Begin a new run."""
@@ -920,7 +917,7 @@ class Spreads:
             self.units.append(spreads - lengths)
             self.units_still.append(still - math.log(length + _FLOOR))
         if not self.scaled:
-            self.turned.append(_turned(orientations[0], vector, edges))
+            self.iron_windows.append(_iron_window(orientations[0], vector / _FIELD_SCALE, edges))
         self.rivals.append(spreads[0])
         self.lengths.append(lengths[0])
         self.still.append(still)
@@ -935,28 +932,24 @@ def _spread(means: Array) -> float:
     return math.sqrt(float(((means - means.mean(axis=0)) ** 2).sum() / len(means)))
 
 
-def _turned(
-    orientation: Array, vector: Array, edges: NDArray[np.intp]
-) -> tuple[Array, Array, float]:
-    """Return what tells iron of a window, as :attr:`Spreads.turned` has it.
+def _iron_window(orientation: Array, vector: Array, edges: NDArray[np.intp]) -> IronWindow:
+    """Return what a window tells of iron.
 
     Parameters
     ----------
     orientation
         Rotations to the beginning of the window, shape (3, 3, n_samples).
     vector
-        Shape (n_samples, 3).
+        Field, shape (n_samples, 3) [T].
     edges
         Where blocks begin and end.
     """
     parts = list(itertools.pairwise(edges))
     turns = np.stack([orientation[:, :, a:b].mean(axis=2) for a, b in parts])
-    means = np.stack(
-        [np.einsum("kin,ni->k", orientation[:, :, a:b], vector[a:b]) / (b - a) for a, b in parts]
-    )
-    turns, means = turns - turns.mean(axis=0), means - means.mean(axis=0)
-    products = np.einsum("bki,bkj->ij", turns, turns)
-    return products, np.einsum("bki,bk->i", turns, means), float((means * means).sum())
+    fields = [
+        np.einsum("kin,ni->k", orientation[:, :, a:b], vector[a:b]) / (b - a) for a, b in parts
+    ]
+    return iron_window(turns, np.stack(fields))
 
 
 def _spreads(orientations: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.inertial.pdr import CarriedIron, DeadReckoning
+from groundtrace.inertial.pdr import DeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
 from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import parse_pipeline
@@ -348,9 +348,9 @@ def test_iron_on_the_sensor_is_told_and_taken_away(parameters: ReckoningParamete
     plain, laden = (
         run(stage(parameters), items(x, found)) for x in (blocks, with_iron(blocks, iron))
     )
-    (news,) = [e for e in laden if isinstance(e, Note) and e.text.startswith("the magnetic field")]
+    (news,) = [e for e in laden if isinstance(e, Note) and "turn with the sensor" in e.text][:-1]
     assert 30 < news.time_ns / NS_PER_S < 36
-    assert "25, -20, 0 uT" in news.text  # a level phone tells nothing of the vertical
+    assert news.text.startswith("25, -20, 0 uT")  # a level phone tells nothing of the vertical
     assert not [e for e in plain if isinstance(e, Note) and "iron" in e.text]
     kind = "track.smoothed" if parameters.smooth else "track"
     ways = [
@@ -361,22 +361,3 @@ def test_iron_on_the_sensor_is_told_and_taken_away(parameters: ReckoningParamete
     np.testing.assert_allclose(*last, atol=0.3)
     if parameters is P:
         np.testing.assert_allclose(*ways, atol=0.5)
-
-
-def about_vertical(angle_rad: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def test_iron_is_the_same_after_a_gap() -> None:
-    """The level axes are others then; the sensor carries what it carried."""
-    carried = CarriedIron()
-    iron, earth = np.array([2e-5, 0.0, 0.0]), np.array([0.0, 2e-5, -4e-5])
-    for axes_rad in (0.0, 1.0):
-        carried.forget_axes()
-        for k in range(80):
-            turn = about_vertical(k // 20 * math.pi / 2)
-            north = about_vertical(axes_rad) @ earth
-            carried.take(north + turn @ iron, turn, 5.0)
-        np.testing.assert_allclose(carried.field, iron, atol=2e-6)
-    assert carried.explained > 0.9
