@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from sweeps import swept
 from turning_sensors import RATE_HZ, turning_sensor
 
@@ -244,6 +245,42 @@ def test_iron_that_turns_with_the_sensor_judges_no_axes() -> None:
     watch.flush()
     assert list(watch.findings()) == []
     assert [c.text[:11] for c in watch.checks()] == ["the axes fi", "not checked"]
+
+
+def phone_in_circles(iron_t: tuple[float, float, float]) -> np.ndarray:
+    """A level phone, rocked a little, in circles to one side and then to the other."""
+    random, t = np.random.default_rng(3), np.arange(60 * round(RATE_HZ)) / RATE_HZ
+    heading = 0.9 * np.where(t < 30, t, 60 - t)
+    rocking = np.stack([0.1 * np.sin(11 * t), 0.15 * np.sin(5.5 * t), 0 * t], axis=1)
+    turns = Rotation.from_euler("z", heading[:, None]) * Rotation.from_rotvec(rocking)
+    rate = (turns[:-1].inv() * turns[1:]).as_rotvec() * RATE_HZ
+    rate = np.concatenate([rate, rate[-1:]])
+    force = turns.inv().apply([0.0, 0.0, 9.81]) + random.normal(0, 0.5, (len(t), 3))
+    field = turns.inv().apply([0.0, 2e-5, -4e-5]) + random.normal(0, 3e-7, (len(t), 3)) + iron_t
+    return np.concatenate([rate, force, field], axis=1)
+
+
+def test_iron_is_no_contradiction_of_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = phone_in_circles((3e-5, 0.0, 4e-5))
+    watch = ImuWatch([stream(GYRO, FORCE, FIELD)])
+    for block in blocks(stream(GYRO, FORCE, FIELD), samples):
+        watch.update(block)
+    watch.flush()
+    assert list(watch.findings()) == []
+    texts = [check.text for check in watch.checks()]
+    assert texts[0].startswith("the axes fit")
+    assert texts[1].startswith("not checked: 30, 0, 40 uT of it turn with the sensor")
+    # without that explanation it would be one
+    monkeypatch.setattr(Spreads, "iron", lambda _: None)
+    assert [finding.kind for finding in watch.findings()] == ["axes"]
+
+
+def test_axes_that_are_wrong_are_told_beside_what_looks_like_iron() -> None:
+    """Exchanged with the vertical one, an axis has a constant part of the earth's field."""
+    samples = changed(phone_in_circles((0.0, 0.0, 0.0)), 2, EYE[[2, 1, 0]])
+    (finding,) = found(samples)
+    assert finding.channel == FIELD
+    assert "magnetic_field: " in finding.remedy
 
 
 @settings(max_examples=5, deadline=None)
