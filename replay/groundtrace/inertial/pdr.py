@@ -8,6 +8,7 @@ not the usual ones is doubted by just as much.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
@@ -161,7 +162,7 @@ class PedestrianDeadReckoning:
         )
 
     def follow(self, accepted: bool) -> list[TrackPoint | Heading | Note]:
-        """Take the verdict on the step just measured; return what is known."""
+        """Take the verdict on the step just measured; return what is believed."""
         step, self._measured = self._measured, None
         if step is None or not accepted:
             return []
@@ -216,12 +217,12 @@ class PedestrianDeadReckoning:
         return (
             f"the field's direction scatters by {scatter_deg:.0f} degrees over {self._north.steps} "
             f"steps; all directions together may be off by {direction_deg:.0f} "
-            "degrees, which nothing here tells but a known direction or a second known place"
+            "degrees, which nothing here tells but a believed direction or a second believed place"
             + (self._north.iron_told and f"; {self._north.iron_told}")
         )
 
     def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
-        """End the track with what is known until a time; return what is still to say of it."""
+        """End the track with what is believed until a time; return what is still to say of it."""
         track, self._track = self._track, None
         if track is None:
             return []
@@ -271,7 +272,7 @@ class PedestrianDeadReckoning:
         return self._track.begin()
 
     def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
-        """Take in the known places up to a time."""
+        """Take in the believed places up to a time."""
         points = []
         while self._places and self._places[0].time_ns <= until_ns:
             points += track.fix(self._places.pop(0))
@@ -300,7 +301,7 @@ class BodyWornSensor:
 
     @property
     def end_ns(self) -> int:
-        """Time until which the motion is known; long ago where nothing is [ns]."""
+        """Time until which the motion is believed; long ago where nothing is [ns]."""
         return -(2**62) if self.motion is None else self.motion.end_ns
 
     @property
@@ -310,7 +311,7 @@ class BodyWornSensor:
 
     @property
     def remark(self) -> str:
-        """What was assumed of the field's unit; empty where it is known."""
+        """What was assumed of the field's unit; empty where it is believed."""
         return self._aligner.remark
 
     def update(self, block: SignalBlock) -> None:
@@ -414,7 +415,7 @@ class DeadReckoning(Stage):
         return ("walker",)
 
     def process(self, item: StepEvent | SignalBlock | Gap) -> Iterator[Output]:
-        """Take signal and steps; give the track as far as it is known."""
+        """Take signal and steps; give the track as far as it is believed."""
         if isinstance(item, StepEvent):
             self._steps.append(item)
         elif isinstance(item, Gap):
@@ -478,7 +479,7 @@ class DeadReckoning(Stage):
             self._sensors[-1].update(block)
 
     def _reckon(self, *, final: bool = False) -> Iterator[Output]:
-        """Take the steps around which everything is known."""
+        """Take the steps around which everything is believed."""
         while self._steps:
             step = self._steps[0]
             while len(self._sensors) > 1 and step.time_ns > self._sensors[0].end_ns:
@@ -540,6 +541,9 @@ LEAST_T = 5e-6
 #: Sights are taken anew where other iron is believed in that is apart by more than this [T]. Chosen
 #: by judgement: five degrees of a field of 20 uT.
 OTHER_T = 2e-6
+#: The iron is told anew after so many windows. Chosen by judgement: six seconds; it bounds the
+#: cost.
+TOLD_EVERY = 4
 #: Said where iron is no longer believed in.
 NO_IRON = "the magnetic field no longer turns with the sensor: no iron is taken away"
 
@@ -587,7 +591,7 @@ class FieldDirection:
         self.parameters = parameters
         self.iron: IronFit | None = None
         self._carried = CarriedIron()
-        self._seen: list[SeenField] = []
+        self._seen: deque[SeenField] = deque()
         self._others: dict[int, MagneticBearing] = {}
         self.news = ""
         self._begin()
@@ -599,7 +603,7 @@ class FieldDirection:
 
     def forget_axes(self) -> None:
         """Take it that the level axes are others from now on; the iron is the same."""
-        self._seen, self._others = [], {}
+        self._seen, self._others = deque(), {}
         self._begin()
 
     @property
@@ -625,17 +629,19 @@ class FieldDirection:
 
     def learn(self, windows: Sequence[IronWindow]) -> None:
         """Take what windows tell of the iron; take sights anew where it is another one."""
+        before = self._carried.windows
         for window in windows:
             self._carried.add(window)
-        fit = self._carried.fit() if windows else None
+        is_due = self._carried.windows // TOLD_EVERY > before // TOLD_EVERY
+        fit = self._carried.fit() if is_due else None
         if fit is None:
             return
-        before, self.iron = self.iron, fit if fit.believed else None
-        now_t, before_t = (np.zeros(3) if x is None else x.field for x in (self.iron, before))
-        if float(np.linalg.norm(now_t - before_t)) <= OTHER_T:
-            self.iron = before
+        last, self.iron = self.iron, fit if fit.believed else None
+        now_t, last_t = (np.zeros(3) if x is None else x.field for x in (self.iron, last))
+        if float(np.linalg.norm(now_t - last_t)) <= OTHER_T:
+            self.iron = last
             return
-        if (before is None) != (self.iron is None):
+        if (last is None) != (self.iron is None):
             self.news = self.iron_told or NO_IRON
         self._begin()
         looked = {seen.time_ns: self._look(seen)[0] for seen in self._seen}
@@ -664,8 +670,8 @@ class FieldDirection:
 
     def forget(self, until_ns: int) -> None:
         """Forget fields that are never looked at again, in order of time."""
-        old = sum(seen.time_ns <= until_ns for seen in self._seen)
-        del self._seen[:old]
+        while self._seen and self._seen[0].time_ns <= until_ns:
+            self._seen.popleft()
 
     def _look(self, seen: SeenField) -> tuple[MagneticBearing | None, float]:
         field_ = seen.field if self.iron is None else seen.field - seen.turn @ self.iron.field

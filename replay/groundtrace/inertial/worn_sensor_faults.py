@@ -906,10 +906,8 @@ class Spreads:
         scales = SCALES if scaled else SCALES[:1]
         orientations = rotations(np.stack([s * scale * step for scale in scales for s in (1, -1)]))
         edges = np.linspace(0, len(rows), self.blocks + 1).astype(int)
-        spreads, lengths = (
-            np.log(x.reshape(len(scales), 48) + _FLOOR)
-            for x in _spreads(orientations, vector, edges)
-        )
+        sums = _sums(orientations, vector, edges)
+        spreads, lengths = (np.log(x.reshape(len(scales), 48) + _FLOOR) for x in _spreads(sums))
         means = np.stack([vector[a:b].mean(axis=0) for a, b in itertools.pairwise(edges)])
         still = math.log(_spread(means) + _FLOOR)
         if scaled:
@@ -917,7 +915,9 @@ class Spreads:
             self.units.append(spreads - lengths)
             self.units_still.append(still - math.log(length + _FLOOR))
         if not self.scaled:
-            self.iron_windows.append(_iron_window(orientations[0], vector / _FIELD_SCALE, edges))
+            turns = np.add.reduceat(orientations[0], edges[:-1], axis=2) / np.diff(edges)
+            fields = np.einsum("bkii->bk", sums[:, 0]) / _FIELD_SCALE
+            self.iron_windows.append(iron_window(np.moveaxis(turns, 2, 0), fields))
         self.rivals.append(spreads[0])
         self.lengths.append(lengths[0])
         self.still.append(still)
@@ -932,46 +932,30 @@ def _spread(means: Array) -> float:
     return math.sqrt(float(((means - means.mean(axis=0)) ** 2).sum() / len(means)))
 
 
-def _iron_window(orientation: Array, vector: Array, edges: NDArray[np.intp]) -> IronWindow:
-    """Return what a window tells of iron.
-
-    Parameters
-    ----------
-    orientation
-        Rotations to the beginning of the window, shape (3, 3, n_samples).
-    vector
-        Field, shape (n_samples, 3) [T].
-    edges
-        Where blocks begin and end.
-    """
-    parts = list(itertools.pairwise(edges))
-    turns = np.stack([orientation[:, :, a:b].mean(axis=2) for a, b in parts])
-    fields = [
-        np.einsum("kin,ni->k", orientation[:, :, a:b], vector[a:b]) / (b - a) for a, b in parts
-    ]
-    return iron_window(turns, np.stack(fields))
-
-
-def _spreads(orientations: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return the spread by every rotation of each of the integrated, and the length of its mean.
-
-    Both of shape (n, 24).
+def _sums(orientations: Array, vector: Array, edges: NDArray[np.intp]) -> Array:
+    """Return means over blocks of R_ki v_j, shape (n_blocks, n, 3, 3, 3).
 
     Parameters
     ----------
     orientations
-        Rotations to the beginning of the window, shape (n, 3, 3, n_samples).
+        Rotations R to the beginning of the window, shape (n, 3, 3, n_samples).
     vector
         Shape (n_samples, 3).
     edges
         Where blocks begin and end.
     """
     flat = orientations.reshape(-1, orientations.shape[-1])
-    blocks = np.stack(
-        [flat[:, a:b] @ vector[a:b] / (b - a) for a, b in itertools.pairwise(edges)], axis=0
-    ).reshape(len(edges) - 1, len(orientations), 3, 3, 3)  # block, integration, k, i, j
+    sums = [flat[:, a:b] @ vector[a:b] / (b - a) for a, b in itertools.pairwise(edges)]
+    return np.stack(sums).reshape(len(sums), len(orientations), 3, 3, 3)
+
+
+def _spreads(sums: Array) -> tuple[Array, Array]:
+    """Return the spread by every rotation of each of the integrated, and the length of its mean.
+
+    Both of shape (n, 24); ``sums`` are those of :func:`_sums`.
+    """
     # R (Q'v) of every rotation Q: component k is the sum over i, j of R_ki Q_ji v_j
-    means = np.einsum("bhkij,qji->qhbk", blocks, ROTATIONS)
+    means = np.einsum("bhkij,qji->qhbk", sums, ROTATIONS)
     middle = means.mean(axis=2, keepdims=True)
     spreads: Array = np.sqrt(((means - middle) ** 2).sum(axis=(2, 3)) / means.shape[2])
     lengths: Array = np.sqrt((middle**2).sum(axis=(2, 3)))

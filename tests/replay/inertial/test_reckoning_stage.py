@@ -349,7 +349,7 @@ def test_iron_on_the_sensor_is_told_and_taken_away(parameters: ReckoningParamete
         run(stage(parameters), items(x, found)) for x in (blocks, with_iron(blocks, iron))
     )
     (news,) = [e for e in laden if isinstance(e, Note) and "turn with the sensor" in e.text][:-1]
-    assert 30 < news.time_ns / NS_PER_S < 36
+    assert 30 < news.time_ns / NS_PER_S < 38
     assert news.text.startswith("25, -20, 0 uT")  # a level phone tells nothing of the vertical
     assert not [e for e in plain if isinstance(e, Note) and "iron" in e.text]
     kind = "track.smoothed" if parameters.smooth else "track"
