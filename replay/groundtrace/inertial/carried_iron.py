@@ -47,6 +47,9 @@ TURNING, LEAST_TURNING = 0.1, 4
 #: indoor-location-20: of 63 none is believed to carry any, ever; with 10 uT added 56 are, with 20
 #: uT 59.
 LEAST_T, SURE_SIGMAS, LEAST_EXPLAINED, LEAST_WINDOWS = 4e-6, 10.0, 0.15, 16
+#: What is believed in is dropped where it is less sure, and explains less, than this part of that.
+#: Chosen by judgement: half of what it takes, so that it does not come and go.
+DROPPED = 0.5
 
 
 class IronWindow(NamedTuple):
@@ -116,6 +119,7 @@ class CarriedIron:
 
     def __init__(self) -> None:
         self.windows = self.turning = 0
+        self._believed = False
         self._products, self._right, self._squares = np.zeros((3, 3)), np.zeros(3), 0.0
         # sums over windows of products of the two above, for the scatter of what they ask for
         self._right_right = np.zeros((3, 3))
@@ -135,7 +139,7 @@ class CarriedIron:
         self._products_products += np.multiply.outer(products, products)
 
     def fit(self) -> IronFit | None:
-        """Return the iron; None where there are no windows, or no field in them."""
+        """Return the iron by now; None where there are no windows, or no field in them."""
         if not self.windows or not self._squares > 0:
             return None
         right, products = self._right, self._products
@@ -149,14 +153,15 @@ class CarriedIron:
         scatter = self._right_right - crossed - crossed.T
         scatter += np.einsum("ikjl,k,l->ij", self._products_products, iron, iron)
         sure = float(right @ np.linalg.pinv(OVERLAP * scatter, hermitian=True) @ right)
-        believed = (
+        part = DROPPED if self._believed else 1.0
+        self._believed = (
             self.windows >= LEAST_WINDOWS
             and self.turning >= LEAST_TURNING
-            and explained > LEAST_EXPLAINED
-            and sure > SURE_SIGMAS**2
-            and float(np.linalg.norm(iron)) > LEAST_T
+            and explained > part * LEAST_EXPLAINED
+            and sure > (part * SURE_SIGMAS) ** 2
+            and float(np.linalg.norm(iron)) > part * LEAST_T
         )
-        return IronFit(iron, explained, believed)
+        return IronFit(iron, explained, self._believed)
 
     def _left(self, iron: Array) -> float:
         return self._squares - float(iron @ (2 * self._right - self._products @ iron))
