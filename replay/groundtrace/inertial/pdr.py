@@ -162,7 +162,7 @@ class PedestrianDeadReckoning:
         )
 
     def follow(self, accepted: bool) -> list[TrackPoint | Heading | Note]:
-        """Take the verdict on the step just measured; return what is believed."""
+        """Take the verdict on the step just measured; return what is known."""
         step, self._measured = self._measured, None
         if step is None or not accepted:
             return []
@@ -217,12 +217,12 @@ class PedestrianDeadReckoning:
         return (
             f"the field's direction scatters by {scatter_deg:.0f} degrees over {self._north.steps} "
             f"steps; all directions together may be off by {direction_deg:.0f} "
-            "degrees, which nothing here tells but a believed direction or a second believed place"
+            "degrees, which nothing here tells but a known direction or a second known place"
             + (self._north.iron_told and f"; {self._north.iron_told}")
         )
 
     def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
-        """End the track with what is believed until a time; return what is still to say of it."""
+        """End the track with what is known until a time; return what is still to say of it."""
         track, self._track = self._track, None
         if track is None:
             return []
@@ -272,7 +272,7 @@ class PedestrianDeadReckoning:
         return self._track.begin()
 
     def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
-        """Take in the believed places up to a time."""
+        """Take in the known places up to a time."""
         points = []
         while self._places and self._places[0].time_ns <= until_ns:
             points += track.fix(self._places.pop(0))
@@ -301,7 +301,7 @@ class BodyWornSensor:
 
     @property
     def end_ns(self) -> int:
-        """Time until which the motion is believed; long ago where nothing is [ns]."""
+        """Time until which the motion is known; long ago where nothing is [ns]."""
         return -(2**62) if self.motion is None else self.motion.end_ns
 
     @property
@@ -311,7 +311,7 @@ class BodyWornSensor:
 
     @property
     def remark(self) -> str:
-        """What was assumed of the field's unit; empty where it is believed."""
+        """What was assumed of the field's unit; empty where it is known."""
         return self._aligner.remark
 
     def update(self, block: SignalBlock) -> None:
@@ -415,7 +415,7 @@ class DeadReckoning(Stage):
         return ("walker",)
 
     def process(self, item: StepEvent | SignalBlock | Gap) -> Iterator[Output]:
-        """Take signal and steps; give the track as far as it is believed."""
+        """Take signal and steps; give the track as far as it is known."""
         if isinstance(item, StepEvent):
             self._steps.append(item)
         elif isinstance(item, Gap):
@@ -479,7 +479,7 @@ class DeadReckoning(Stage):
             self._sensors[-1].update(block)
 
     def _reckon(self, *, final: bool = False) -> Iterator[Output]:
-        """Take the steps around which everything is believed."""
+        """Take the steps around which everything is known."""
         while self._steps:
             step = self._steps[0]
             while len(self._sensors) > 1 and step.time_ns > self._sensors[0].end_ns:
