@@ -109,7 +109,8 @@ class UsualPower:
         line = np.concatenate(self._open)
         stop = len(line) if final else len(line) // CHUNK * CHUNK
         self._open, self._count = [line[stop:]], len(line) - stop
-        made = [self._ratios(line[k : k + CHUNK], final=final) for k in range(0, stop, CHUNK)]
+        starts = range(0, max(stop, 1) if final else stop, CHUNK)
+        made = [self._ratios(line[k : k + CHUNK], final=final) for k in starts]
         return np.concatenate([np.empty((power.shape[1], 0)), *made], axis=1)
 
     def _ratios(self, chunk: Array, *, final: bool) -> Array:
@@ -118,6 +119,8 @@ class UsualPower:
         if len(self._past) < FIRST_CHUNKS and not final:
             return np.empty((chunk.shape[1], 0))
         power, self._waiting = np.concatenate(self._waiting), []
+        if not len(power):
+            return np.empty((chunk.shape[1], 0))
         past = np.concatenate(self._past)
         median = MEAN_OF_MEDIAN * np.median(past, axis=0)
         median = np.maximum(median, SILENT * past.max(axis=(0, 2))[:, None])

@@ -74,13 +74,13 @@ class Track:
         self._anchors.add(filter_.state[PLACE], float(filter_.covariance[0, 0]))
         self._knots = TrackHistory()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
+        self._pieces = 0
         self._begin_piece()
-        self._is_first = True
 
     def _begin_piece(self) -> None:
         """Remember, from now on, what may have to be gone again."""
         self._begun = (self.filter.copy(), self.time_ns)
-        self._is_first = False
+        self._pieces += 1
         # strides, and after how many of them fixes came
         self._strides = Strides()
         self._fixes: list[tuple[int, PositionReference]] = []
@@ -133,7 +133,7 @@ class Track:
         """
         if self._strides.resight(sights):
             self._stale = True
-            if not self._is_first:
+            if self._pieces > 1:
                 self._begun[0].covariance[OFFSET, OFFSET] += REOPENED_RAD**2
 
     def fix(self, fix: PositionReference) -> list[TrackPoint]:

@@ -86,6 +86,15 @@ def test_a_silent_line_is_no_footfall_and_what_breaks_the_silence_is_one() -> No
     assert abs(picks[0] - 3025 / rate_hz) < 0.03
 
 
+@pytest.mark.parametrize("hops", [40, 66, 87, 88, 110])
+def test_a_run_that_ends_before_anything_is_usual_is_judged_by_what_there_is(hops: int) -> None:
+    rate_hz, hop = 500.0, 11  # samples of a hop; 22 of them are a chunk
+    signal = noise(rate_hz)[: hops * hop].copy()
+    middle = len(signal) // 2
+    signal[middle - 20 : middle + 20] *= 30
+    assert len(picks_of(signal, rate_hz)) == 1
+
+
 @pytest.mark.parametrize("offset", [0.0, 1e3])
 def test_what_a_line_stands_at_is_no_power(offset: float) -> None:
     rate_hz = 200.0
