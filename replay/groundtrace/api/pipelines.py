@@ -34,7 +34,7 @@ def fitting_pipeline(recording: Recording) -> str | None:
         indoors = recording.geometry is not None and bool(recording.geometry.outline)
         if not indoors and "trigger" in _truth(recording):
             return "hammer-shots"
-        if "step" in _truth(recording) and steps_pipeline(recording) is None:
+        if steps_pipeline(recording) is None and "step" in _truth(recording):
             return "floor-steps"
     elif moves and not _on_foot(recording) and "step" not in (truth := _truth(recording)):
         if truth & {"heading", "disturbed"}:
