@@ -18,8 +18,6 @@ chose ``ratio`` and the length of the window, the others nothing.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,9 +27,11 @@ import yaml
 from scipy.signal import butter, find_peaks, resample_poly, sosfilt
 
 import groundtrace as gt
-from groundtrace.cli.main import main as groundtrace
+from groundtrace.evaluation.matching import f1_score, match
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.importers.run import import_recording
-from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,17 +89,6 @@ def methods(signal: Array, rate_hz: float, quantity: str, unit: str) -> Iterator
     yield "peaks", peaks(signal, rate_hz)
 
 
-def hits(found_s: Array, true_s: Array) -> int:
-    """Return how many true steps are found, each by one found step, the nearest first."""
-    apart = np.abs(found_s[:, None] - true_s)
-    count = 0
-    while apart.size and apart.min() <= TOLERANCE_S:
-        i, k = np.unravel_index(int(apart.argmin()), apart.shape)
-        apart[i], apart[:, k] = np.inf, np.inf
-        count += 1
-    return count
-
-
 class Scores:
     """Counts of each method: hits, true and found steps."""
 
@@ -110,30 +99,27 @@ class Scores:
         """Count a recording in."""
         inside = (found_s > true_s[0] - AROUND_S) & (found_s < true_s[-1] + AROUND_S)
         found_s = found_s[inside]
-        counts = np.array([hits(found_s, true_s), len(true_s), len(found_s)], float)
-        self.of[method] = self.of.get(method, 0) + counts
+        hits = len(match(true_s, found_s, TOLERANCE_S))
+        self.of[method] = self.of.get(method, 0) + np.array([hits, len(true_s), len(found_s)])
 
     def show(self, title: str) -> None:
         """Print a row each."""
         for method, (hit, true, found) in self.of.items():
-            recall, precision, f1 = hit / true, hit / max(found, 1), 2 * hit / (true + found)
-            row = f"{recall:9.2f}{precision:11.2f}{f1:8.2f}"
+            recall, precision = hit / true, hit / max(found, 1)
+            row = f"{recall:9.2f}{precision:11.2f}{f1_score(true, found, hit):8.2f}"
             print(f"{title:18}{method:14}{true:7.0f}{row}", flush=True)
 
 
 def print_rooms() -> None:
     """Simulated rooms at lower rates."""
     rooms = []
-    with tempfile.TemporaryDirectory() as scratch:
-        for seed in SEEDS:
-            path = Path(scratch) / f"{seed}.mcap"
-            with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
-                groundtrace(["simulate", "room", "--seed", str(seed), "--out", str(path)])
-            with Recording.open(path) as opened:
-                signal = np.concatenate([b.values[:, 0] for _, b in opened.blocks()])
-                times_ns = [x.time_ns for x in opened.labels if x.kind == "step"]
-                true_s = (np.array(times_ns) - opened.start_ns) / 1e9
-                rooms.append((signal, opened.streams[0].rate_hz, true_s))
+    for seed in SEEDS:
+        room = simulate_room(RoomOptions(seed=seed))
+        ((stream, _, source),) = room.sources
+        blocks = list(source)
+        signal = np.concatenate([b.values[:, 0] for b in blocks])
+        times_ns = np.array([x.time_ns for x in room.labels if x.kind == "step"])
+        rooms.append((signal, stream.rate_hz, (times_ns - blocks[0].start_ns) / NS_PER_S))
     for rate in RATES_HZ:
         scores = Scores()
         for signal, rate_hz, true_s in rooms:

@@ -31,7 +31,12 @@ import numpy as np
 from pedestrian_accuracy import inside
 
 import groundtrace as gt
-from groundtrace.evaluation.positions import score_closure, score_waypoints, true_places
+from groundtrace.evaluation.positions import (
+    score_closure,
+    score_waypoints,
+    true_places,
+    turn_onto,
+)
 from groundtrace_codecs.events import Label, TrackPoint
 from groundtrace_codecs.geometry import tangent_plane
 from groundtrace_codecs.importers.run import import_recording
@@ -65,11 +70,10 @@ def shape_m(points: list[TrackPoint], labels: tuple[Label, ...]) -> float:
 
 def turned_deg(points: list[TrackPoint], times_ns: np.ndarray, true: np.ndarray) -> float:
     """Return by how much a track is turned against marked places [deg]."""
-    since = [p.time_ns for p in points]
-    spots = np.interp(times_ns, since, [p.x_m for p in points]) + 1j * np.interp(
-        times_ns, since, [p.y_m for p in points]
-    )
-    return abs(float(np.degrees(np.angle(np.vdot(true - true.mean(), spots - spots.mean())))))
+    since, tracked = [p.time_ns for p in points], ([p.x_m for p in points], [p.y_m for p in points])
+    spots = np.stack([np.interp(times_ns, since, column) for column in tracked], axis=1)
+    (cosine, _), (sine, _) = turn_onto(spots, np.stack([true.real, true.imag], axis=1)).rotation
+    return abs(float(np.degrees(np.arctan2(sine, cosine))))
 
 
 def with_iron(text: str, iron_ut: Sequence[float]) -> str:
