@@ -34,14 +34,15 @@ def fitting_pipeline(recording: Recording) -> str | None:
         indoors = recording.geometry is not None and bool(recording.geometry.outline)
         if not indoors and "trigger" in _truth(recording):
             return "hammer-shots"
-        if steps_pipeline(recording) is None and "step" in _truth(recording):
-            return "floor-steps"
     elif moves and not _on_foot(recording) and "step" not in (truth := _truth(recording)):
         if truth & {"heading", "disturbed"}:
             return "heading"
         if "waypoint" in truth:
             return "pedestrian"
-    return steps_pipeline(recording)
+    suggested = steps_pipeline(recording)
+    if suggested is None and _seismic_channels(recording) and "step" in _truth(recording):
+        return "floor-steps"
+    return suggested
 
 
 def steps_pipeline(recording: Recording) -> str | None:
