@@ -24,6 +24,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
 from ..dsp.filters import SampleClock, planar
 from ..dsp.noise import LocalMaxima, LocalMaximaWithOnset
+from ..dsp.parabola import highest
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import (
@@ -291,9 +292,8 @@ class FootfallPower(Stage):
         """Return maxima, between hops where the parabola through their neighbours has its top."""
         at, last = maxima.peak - self._first, self._ratios.shape[1] - 1
         before, after = (self._ratios[maxima.channel, np.clip(at + k, 0, last)] for k in (-1, 1))
-        bend = before - 2 * maxima.value + after
-        inside = (at > 0) & (at < last) & (bend < 0)
-        off = np.divide(before - after, 2 * bend, out=np.zeros(len(at)), where=inside)
+        inside = (at > 0) & (at < last)
+        off = np.where(inside, highest(before, maxima.value, after), 0.0)
         time_ns = self._times(maxima.peak.astype(np.float64) + off)
         channel = maxima.channel.astype(np.int32)
         value = np.minimum(maxima.value, np.finfo(np.float32).max).astype(np.float32)

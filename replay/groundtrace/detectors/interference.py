@@ -24,6 +24,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..dsp.filters import HIGHEST_CORNER
+from ..dsp.parabola import highest
 from ..dsp.robust import medians
 from .held_values import level
 from .signal_faults import FaultSpans, Finding, percent, times
@@ -217,9 +218,7 @@ def _over_db(mean: Array, at: NDArray[np.intp]) -> Array:
 
 def _peak(mean: Array, i: int) -> float:
     """Return the place of a maximum between bins, by a parabola."""
-    left, top, right = mean[i - 1 : i + 2]
-    bend = left - 2 * top + right
-    return i + (0.5 * float((left - right) / bend) if bend < 0 else 0.0)
+    return i + float(highest(*mean[i - 1 : i + 2, None])[0])
 
 
 def _share(mean: Array, orders: Sequence[int], frequency: float) -> float:

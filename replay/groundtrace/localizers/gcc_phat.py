@@ -44,6 +44,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from .. import kernels
 from ..dsp.filters import corner
+from ..dsp.parabola import highest
 from ..pipeline.buffers import whole_samples
 from ..pipeline.gates import Candidates, GateState, Level
 from ..pipeline.parameters import gate, measured
@@ -733,9 +734,7 @@ def _lags(turn: bytes, farthest_s: bytes, channels: int) -> Lags:
 
 def _refined(before: Array, at: Array, after: Array) -> tuple[Array, Array]:
     """Return the peak of the parabola through three neighbours, from the middle one, and height."""
-    bend = before - 2 * at + after
-    offset = np.divide(before - after, 2 * bend, out=np.zeros_like(at), where=bend < 0)
-    offset = offset.clip(-1, 1)
+    offset = highest(before, at, after).clip(-1, 1)
     return offset, at - (before - after) * offset / 4
 
 
