@@ -64,13 +64,14 @@ PEOPLE, TRIALS = (1, 5, 9, 13, 17), (2, 4)
 STEP_S, PASS_S = 0.12, 1.0
 
 
-def lose(source: Path, out: Path, packet_s: float, rate: float) -> None:
-    """Write a recording without some packets, all streams at once."""
+def lose(source: Path, out: Path, packet_s: float, rate: float, since_s: float = 0.1) -> None:
+    """Write a recording without some packets from a time on, all streams at once."""
     rng = np.random.default_rng(0)
     with Recording.open(source) as recording:
         blocks = [x for x in Source(recording, block_s=1e6) if isinstance(x, SignalBlock)]
         start_ns, length_s = blocks[0].start_ns, (blocks[-1].end_ns - blocks[0].start_ns) / NS_PER_S
-        starts = np.sort(rng.uniform(0.1, length_s - packet_s - 0.1, round(rate * length_s)))
+        left_s = max(length_s - packet_s - 0.1 - since_s, 0.0)
+        starts = since_s + np.sort(rng.uniform(0.0, left_s, round(rate * left_s)))
         streams: dict[str, tuple[Stream, str, list[SignalBlock]]] = {}
         for block in blocks:
             parts = streams.setdefault(block.topic, (block.stream, "f32le", []))[2]

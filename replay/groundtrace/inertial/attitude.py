@@ -151,11 +151,13 @@ class Attitude:
     def start(self, force: Array, *, still: bool) -> None:
         """Level by the first frame's specific force; the heading is the body's x axis for now.
 
-        Of a sensor that moves, it is gravity and an acceleration that nothing tells.
+        Of a sensor that moves, it is gravity and an acceleration that nothing tells. A bias that
+        was taken before is known.
         """
         tilt, speed = STILL_RAD if still else MOVING_RAD, self.noise.speed_mps
-        bias, iron = self.noise.bias_start, self.noise.iron_start
-        sigma = [tilt, tilt, np.pi] + 3 * [speed] + 3 * [bias] + 3 * [iron] + 2 * [0.0]
+        bias, iron = self.bias_sigma, self.noise.iron_start
+        bias[bias == 0] = self.noise.bias_start
+        sigma = [tilt, tilt, np.pi] + 3 * [speed] + [*bias] + 3 * [iron] + 2 * [0.0]
         self.state["orientation"] = levelled(force)
         self.state["covariance"] = np.diag(np.array(sigma) ** 2)
         self.started = True

@@ -135,6 +135,10 @@ class LevelFrameTracker:
         self._estimator = HeadingEstimator(HeadingParameters(), self.rate_hz)
         self._estimator.attitude = Attitude(AttitudeNoise(bias_start=BIAS), free=True)
 
+    def resume(self, before: LevelFrameTracker) -> None:
+        """Know of the gyroscope's bias what was known before a gap."""
+        self._estimator.resume(before._estimator)
+
     @property
     def end_ns(self) -> int:
         """Time of the last sample; long ago where there is none [ns]."""

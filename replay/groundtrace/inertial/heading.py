@@ -90,12 +90,17 @@ class QuietSeconds:
     ----------
     rate_hz
         Of the sensor [Hz].
+
+    Attributes
+    ----------
+    means
+        Of the last quiet seconds, shape (3,) each [rad/s].
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._length = max(round(rate_hz), 1)
         self._rate, self._force = np.empty((0, 3)), np.empty((0, 3))  # of the second under way
-        self._means: list[Array] = []
+        self.means: list[Array] = []
 
     def ends(self, samples: Samples) -> list[tuple[int, Array]]:
         """Take samples; return where quiet seconds end among them, and their mean rates [rad/s]."""
@@ -116,10 +121,10 @@ class QuietSeconds:
 
         None while there are too few.
         """
-        self._means = [*self._means[1 - QUIET_MOST :], mean]
-        if len(self._means) < QUIET_LEAST:
+        self.means = [*self.means[1 - QUIET_MOST :], mean]
+        if len(self.means) < QUIET_LEAST:
             return None
-        means = np.array(self._means)
+        means = np.array(self.means)
         bias = np.median(means, axis=0)
         scatter = np.maximum(MAD_SIGMA * np.median(np.abs(means - bias), axis=0), QUIET_SCATTER)
         # a median is less sure than a mean, by this part
@@ -176,6 +181,12 @@ class HeadingEstimator:
         """How much later than the gyroscope the magnetometer answers [s]."""
         late, moved = self.attitude.state["delay_sums"].tolist()
         return float(late / moved)
+
+    def resume(self, before: HeadingEstimator) -> None:
+        """Know of the gyroscope's bias what was known before a gap."""
+        self._quiet.means = [*before._quiet.means]
+        if before.attitude.started:
+            self.attitude.take_bias(before.attitude.bias, before.attitude.bias_sigma)
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""

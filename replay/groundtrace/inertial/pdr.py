@@ -7,6 +7,7 @@ not the usual ones is doubted by just as much.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,16 @@ from ..pipeline.stage import Context, Input, Memory, Stage
 from .body_motion import LevelFrameTracker
 from .carried_iron import CarriedIron, IronFit
 from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
-from .pdr_filter import MagneticBearing, ReckoningFilter, ReckoningNoise, Stride, Track
+from .pdr_filter import (
+    LOST_RAD,
+    MagneticBearing,
+    ReckoningFilter,
+    ReckoningNoise,
+    Stride,
+    Track,
+    Unheard,
+    unheard_rad2,
+)
 from .rotations import mean_matrix, wrap_angle
 from .steps import (
     Barometer,
@@ -64,16 +74,63 @@ WALK_MPS = 1.5
 ANYHOW = 0.9
 
 
+#: Who is heard for so long without a step stood [ns]. Chosen by judgement: where less is heard
+#: between gaps, detectors may miss the steps there.
+STOOD_NS = 4 * NS_PER_S
+#: Weight of the last step in the pace. Chosen by judgement: that of some steps.
+NEWEST_PACE = 0.3
 #: Part of what the directions of a field scatter by, by which their mean is off. Chosen by trial on
 #: logs of IPIN 2023 of odd trials, where they scatter by 15 to 20 degrees and tracks are off by 10.
 SHARED = 0.5
 
 
 class _Measured(NamedTuple):
-    """A step as measured: where it goes, and when it began, not before there was a sample [ns]."""
+    """A step as measured.
+
+    Attributes
+    ----------
+    stride
+        Where it goes.
+    begin_ns
+        When it began, not before there was a sample.
+    look_rad
+        Where the walker looks by the gyroscope, but for what the sensor is turned on them [rad].
+    interval_s
+        How long it took [s].
+    """
 
     stride: Stride
     begin_ns: int
+    look_rad: float
+    interval_s: float
+
+
+@dataclass(slots=True)
+class Silence:
+    """Where a walker was when the signal ended, and how long they stood about it as heard.
+
+    Attributes
+    ----------
+    since_ns
+        When the last step ended.
+    heard_ns
+        Since when the signal is heard again, without a step as yet.
+    stood_ns
+        For how long it was heard without one.
+    turned_rad
+        By how much the gyroscope's frame is another one after it [rad]; None before a step tells.
+    """
+
+    since_ns: int
+    heard_ns: int
+    stood_ns: int = 0
+    turned_rad: float | None = None
+
+    def listen(self, until_ns: int, again_ns: int) -> None:
+        """Take it that no step was heard until the signal ended, and that it is back again."""
+        heard_ns = until_ns - self.heard_ns
+        self.stood_ns += heard_ns if heard_ns > STOOD_NS else 0
+        self.heard_ns = max(until_ns, again_ns)
 
 
 class PedestrianDeadReckoning:
@@ -117,14 +174,22 @@ class PedestrianDeadReckoning:
         self._measured: _Measured | None = None
         self._last_ns: int | None = None
         self._by_last = (0.0, 0.0)  # rest [s] and variance of unseen turns [rad2] by the last step
-        self._went = False  # a track before
+        self._last: _Measured | None = None
+        self._pace_mps = 0.0
+        self._silence: Silence | None = None
 
     def start(self, stage: str, number: int, origin: tuple[float, float]) -> None:
-        """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
+        """Begin a track at a place [m]; ``stage`` and ``number`` go into its points."""
         self.stage, self.number, self.origin = stage, number, origin
-        self._track, self._measured, self._last_ns = None, None, None
-        self._by_last = (0.0, 0.0)
-        self._north.forget_axes()
+
+    def interrupt(self, until_ns: int, again_ns: int) -> None:
+        """Take it that a signal is heard until a time, and another one from a later time on."""
+        if self._last_ns is not None:
+            self._silence = Silence(self._last_ns, self._last_ns)
+        if self._silence is not None:
+            self._silence.listen(until_ns, again_ns)
+            self._silence.turned_rad = None
+        self._last_ns, self._by_last = None, (0.0, 0.0)
 
     def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
@@ -145,12 +210,16 @@ class PedestrianDeadReckoning:
         riser_m = climb_mps * interval_s
         length_m = stair_length(riser_m) or step_length(shape, step.type, interval_s, p)
         self._facing.watch(step, interval_s, motion)
-        heading = self._facing.heading(motion, *span) + ASIDE.get(step.type, 0.0)
+        look = self._facing.heading(motion, *span)
+        heading = look + ASIDE.get(step.type, 0.0)
+        if self._silence is not None:
+            self._resume(self._silence, look, step.time_ns)
         sight, off = self._north.sight(motion, *span, length_m)
         sight = None if p.azimuth == "gyroscope" else sight
         stride = Stride(step.time_ns, length_m, heading, sight, *motion.by_end(*span))
         # a walk may be under way when a recording begins
-        self._measured = _Measured(stride, max(span[0], min(int(motion.time_ns[0]), step.time_ns)))
+        begin_ns = max(span[0], min(int(motion.time_ns[0]), step.time_ns))
+        self._measured = _Measured(stride, begin_ns, look, interval_s)
         turn = self._facing.turn_rad
         azimuth = math.degrees(wrap_angle(self._azimuth(stride, turn)))
         row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
@@ -172,7 +241,11 @@ class PedestrianDeadReckoning:
             outputs += self._begin(step.begin_ns)
         track = self._track
         assert track is not None  # begun by now
+        if self._silence is not None:
+            outputs += self._heard_again(track, self._silence, step)
         outputs += self._take_places(track, stride.time_ns)
+        self._last, pace_mps = step, stride.length_m / step.interval_s
+        self._pace_mps += (NEWEST_PACE if self._pace_mps else 1.0) * (pace_mps - self._pace_mps)
         before, by_now = self._by_last, (stride.rested_s, stride.unseen_rad2)
         self._last_ns, self._by_last = stride.time_ns, by_now
         rested_s, unseen_rad2 = (now - then for now, then in zip(by_now, before, strict=True))
@@ -221,15 +294,10 @@ class PedestrianDeadReckoning:
             + (self._north.iron_told and f"; {self._north.iron_told}")
         )
 
-    def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
-        """End the track with what is known until a time; return what is still to say of it."""
+    def flush(self) -> list[TrackPoint]:
+        """End the track; return what is still to say of it."""
         track, self._track = self._track, None
-        if track is None:
-            return []
-        points = self._take_places(track, until_ns)
-        x, y = track.filter.state[:2].tolist()
-        self.origin, self._went = (x, y), True
-        return points + track.flush()
+        return [] if track is None else [*self._take_places(track, 2**63), *track.flush()]
 
     def _interval_s(self, time_ns: int) -> float:
         """Return the time since the last step of the walk, or that of a first one [s]."""
@@ -240,15 +308,12 @@ class PedestrianDeadReckoning:
 
     def _azimuth(self, stride: Stride, turn_rad: float) -> float:
         heading = stride.heading_rad + turn_rad
-        if self._track is not None and not self._track.filter.lost:
+        if self._track is not None and self._silence is None and not self._track.filter.lost:
             return self._track.filter.azimuth(heading)
         return heading + (0.0 if stride.sight is None else stride.sight.offset_rad)
 
     def _begin(self, time_ns: int) -> list[TrackPoint]:
-        """Begin where the last track ended, or where the walker was seen first, or at the origin.
-
-        The first and last of these are sure.
-        """
+        """Begin where the walker was seen first, or at the origin, which is sure."""
         p = self.parameters
         noise = ReckoningNoise(
             drift=math.radians(p.drift_dps),
@@ -259,7 +324,7 @@ class PedestrianDeadReckoning:
             wander=ANYHOW if p.azimuth == "compass" else 0.0,
         )
         position, sigma_m = self.origin, 0.0
-        if self._places and not self._went:
+        if self._places:
             seen = next((k for k in self._places[::-1] if k.time_ns <= time_ns), self._places[0])
             away_m = WALK_MPS * abs(seen.time_ns - time_ns) / NS_PER_S
             position, sigma_m = (seen.x_m, seen.y_m), math.hypot(seen.sigma_m, away_m)
@@ -271,12 +336,50 @@ class PedestrianDeadReckoning:
         self._track = Track(walker, time_ns, self.stage, self.number, *piece, smooths=p.smooth)
         return self._track.begin()
 
+    def _resume(self, silence: Silence, look_rad: float, time_ns: int) -> None:
+        """Take it that a walker looks where they looked before a gap, but for random turns."""
+        if silence.turned_rad is not None or self._last is None:
+            return
+        silence.turned_rad = self._last.look_rad - look_rad
+        is_lost = unheard_rad2((time_ns - silence.since_ns) / NS_PER_S) > LOST_RAD**2
+        self._north.turn_axes(None if is_lost else silence.turned_rad)
+
+    def _heard_again(self, track: Track, silence: Silence, step: _Measured) -> list[TrackPoint]:
+        """Go on to where a step begins that is heard first after a gap."""
+        points = self._take_places(track, step.begin_ns)
+        silence.listen(step.begin_ns, step.begin_ns)
+        points += self._stray(track, silence, step.begin_ns, silence.turned_rad or 0.0)
+        self._silence = None
+        return points
+
     def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
         """Take in the known places up to a time."""
         points = []
         while self._places and self._places[0].time_ns <= until_ns:
-            points += track.fix(self._places.pop(0))
+            place = self._places.pop(0)
+            if self._silence is not None:
+                points += self._stray(track, self._silence, place.time_ns)[1:]
+            points += track.fix(place)
         return points
+
+    def _stray(
+        self, track: Track, silence: Silence, until_ns: int, turned_rad: float = 0.0
+    ) -> list[TrackPoint]:
+        """Let the walker go on unheard; from there on the gyroscope's frame may be another one."""
+        last = self._last
+        if last is None:
+            return []
+        until_ns = max(until_ns, track.time_ns)
+        walking = max(0.0, 1 - silence.stood_ns / (until_ns - silence.since_ns))
+        unheard = Unheard(
+            silence.since_ns,
+            until_ns,
+            self._pace_mps,
+            last.stride.heading_rad,
+            turned_rad,
+            walking,
+        )
+        return track.stray(unheard)
 
 
 TURNING = "angular_velocity"
@@ -290,12 +393,18 @@ class BodyWornSensor:
     ----------
     motion
         What it felt; None before the gyroscope is heard of.
+    start_ns
+        When the gap before it ended; long ago where there was none.
     topic
         Of the gyroscope.
+    before
+        What the sensor felt before a gap; None once that is known.
     """
 
     motion: LevelFrameTracker | None = None
+    start_ns: int = -(2**62)
     topic: str = ""
+    before: LevelFrameTracker | None = None
     _aligner: SensorAligner = field(default_factory=SensorAligner)
     _early: list[SignalBlock] = field(default_factory=list)
 
@@ -322,6 +431,9 @@ class BodyWornSensor:
         if self.motion is None:
             self.topic = block.topic
             self.motion = LevelFrameTracker(block.stream.rate_hz)
+            if self.before is not None:
+                self.motion.resume(self.before)
+                self.before = None
             for early in self._early:
                 self._aligner.update(early)
             self._early = []
@@ -363,9 +475,9 @@ class DeadReckoning(Stage):
 
     The steps are those of one stage, with a sensor that has a gyroscope.
     Streams of the placement of the steps' topic are one sensor; the last of the sensors is heard
-    now. A gap of that topic, or of its gyroscope, that is not bridged ends the track; the next
-    begins where it ended, in a direction that is to be found anew. Of the labels only waypoints are
-    looked at, and only as ``updates`` says.
+    now. Over a gap of that topic, or of its gyroscope, that is not bridged the walker is taken to
+    have gone on as before but for random turns: for some seconds ahead, then anywhere. Of the
+    labels only waypoints are looked at, and only as ``updates`` says.
     """
 
     Parameters = ReckoningParameters
@@ -465,7 +577,8 @@ class DeadReckoning(Stage):
             sensor.lose(gap)
         if not gap.bridged and gap.topic in (self._context.topic, sensor.topic):
             sensor.flush()
-            self._sensors.append(BodyWornSensor())
+            before = sensor.motion or sensor.before
+            self._sensors.append(BodyWornSensor(start_ns=gap.end_ns, before=before))
 
     def _take_motion(self, block: SignalBlock) -> None:
         """Take what a stream of the sensor measures."""
@@ -483,7 +596,7 @@ class DeadReckoning(Stage):
         while self._steps:
             step = self._steps[0]
             while len(self._sensors) > 1 and step.time_ns > self._sensors[0].end_ns:
-                yield from self._interrupt(step.time_ns)
+                self._interrupt(step.time_ns)
             sensor = self._sensors[0]
             is_complete = final or self._complete(step.time_ns)
             if sensor.motion is None or not is_complete or sensor.end_ns < 0:
@@ -503,14 +616,13 @@ class DeadReckoning(Stage):
             return False
         return over or self._sensors[0].end_ns >= time_ns + LATE_NS
 
-    def _interrupt(self, time_ns: int) -> Iterator[Output]:
-        """Go on with the next sensor: the end of a track, and the beginning of another."""
-        motion = self._sensors.pop(0).motion
-        self._reckoner.learn([] if motion is None else motion.field_windows.until(time_ns))
-        self._know(time_ns)
-        yield from self._reckoner.flush(time_ns)
-        number = self._context.tracks.next()
-        self._reckoner.start(self._context.stage, number, self._reckoner.origin)
+    def _interrupt(self, time_ns: int) -> None:
+        """Go on with the next sensor."""
+        sensor = self._sensors.pop(0)
+        if sensor.motion is not None:
+            self._reckoner.learn(sensor.motion.field_windows.until(time_ns))
+        heard_until_ns = max(sensor.start_ns, sensor.end_ns)
+        self._reckoner.interrupt(heard_until_ns, self._sensors[0].start_ns)
 
     def _notes(self) -> Iterator[Note]:
         """Say what a person should know."""
@@ -561,12 +673,15 @@ class SeenField(NamedTuple):
         The mean rotation from the sensor's axes to these, shape (3, 3).
     repeats
         How many steps in a row err alike.
+    axes_rad
+        By how much these axes are turned against those of the first step [rad].
     """
 
     time_ns: int
     field: Array
     turn: Array
     repeats: float
+    axes_rad: float
 
 
 class FieldDirection:
@@ -593,18 +708,26 @@ class FieldDirection:
         self._carried = CarriedIron()
         self._seen: deque[SeenField] = deque()
         self._others: dict[int, MagneticBearing] = {}
+        self._axes_rad = 0.0
         self.news = ""
         self._begin()
 
     def _begin(self) -> None:
         self._reference: tuple[float, float] | None = None  # horizontal and vertical part [T]
-        self._directions = 0j  # sum of unit vectors along the field in the level axes
+        self._directions = 0j  # sum of unit vectors along the field in the first level axes
+        self._before = 0.0  # lengths of such sums in axes that are forgotten
         self.steps = 0
 
-    def forget_axes(self) -> None:
-        """Take it that the level axes are others from now on; the iron is the same."""
+    def turn_axes(self, turned_rad: float | None) -> None:
+        """Take it that the level axes are turned against those before, None: nobody knows how far.
+
+        Iron and field are the same.
+        """
+        if turned_rad is not None:
+            self._axes_rad += turned_rad
+            return
         self._seen, self._others = deque(), {}
-        self._begin()
+        self._before, self._directions = self._before + abs(self._directions), 0j
 
     @property
     def scatter_rad(self) -> float:
@@ -614,7 +737,7 @@ class FieldDirection:
         """
         if not self.steps:
             return math.nan
-        resultant = min(abs(self._directions) / self.steps, 1.0)
+        resultant = min((self._before + abs(self._directions)) / self.steps, 1.0)
         return math.sqrt(-2 * math.log(max(resultant, 1e-9)))
 
     @property
@@ -659,7 +782,8 @@ class FieldDirection:
         if not math.isfinite(float(field_.sum())):
             return None, math.nan
         repeats = 2 * self.parameters.compass_memory_m / max(length_m, 0.1)
-        seen = SeenField(stop_ns, field_, mean_matrix(motion.orientation[rows]), repeats)
+        turn = mean_matrix(motion.orientation[rows])
+        seen = SeenField(stop_ns, field_, turn, repeats, self._axes_rad)
         self._seen.append(seen)
         return self._look(seen)
 
@@ -687,7 +811,7 @@ class FieldDirection:
             before[0] + weight * (flat - before[0]),
             before[1] + weight * (up - before[1]),
         )
-        self._directions += complex(east, north) / flat
+        self._directions += complex(east, north) / flat * cmath.exp(1j * seen.axes_rad)
         p = self.parameters
         sigma = math.hypot(math.radians(p.compass_deg), off / max(before[0], LEAST_T))
         # the level frame's magnetic north, against the map's

@@ -81,9 +81,9 @@ class Track:
         """Remember, from now on, what may have to be gone again."""
         self._begun = (self.filter.copy(), self.time_ns)
         self._pieces += 1
-        # strides, and after how many of them fixes came
+        # strides, and after how many of them fixes came, or nothing was heard
         self._strides = Strides()
-        self._fixes: list[tuple[int, PositionReference]] = []
+        self._between: list[tuple[int, PositionReference | Unheard]] = []
 
     @property
     def begun_ns(self) -> int:
@@ -142,11 +142,28 @@ class Track:
         before = self._knots.moment(-1)
         nis = self._meet(fix)
         self._anchors.add(self.filter.state[PLACE], fix.sigma_m**2 * fix.repeats)
-        self._fixes.append((self._strides.count, fix))
+        self._between.append((self._strides.count, fix))
         return [
             self._point(self._knots.moment(-1), before, self.stage, nis),
             *self._smoothed_batch(),
         ]
+
+    def stray(self, unheard: Unheard) -> list[TrackPoint]:
+        """Go on as far as a walker may who is not heard; return the point where that ends.
+
+        Where the direction is lost in that time, another piece begins.
+        """
+        before = self._knots.moment(-1)
+        self._stray(unheard)
+        point = self._point(self._knots.moment(-1), before, self.stage)
+        if not self.filter.lost:
+            self._between.append((self._strides.count, unheard))
+            return [point]
+        points = self._smoothed()[:-1] if self.smooths else []
+        self.filter.forget_direction()
+        self._knots.begin(self.time_ns, self.filter.state, self.filter.covariance)
+        self._begin_piece()
+        return [point, *points]
 
     def flush(self) -> list[TrackPoint]:
         """Return the track smoothed, as far as not said yet."""
@@ -163,11 +180,14 @@ class Track:
         self.filter = filter_.copy()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
         gone = 0
-        for count, fix in self._fixes:
+        for count, met in self._between:
             if count > gone:
                 self._go(gone, count)
-            self._aim(fix)
-            self._meet(fix)
+            if isinstance(met, Unheard):
+                self._stray(met)
+            else:
+                self._aim(met)
+                self._meet(met)
             gone = count
         return self._go(gone, self._strides.count)
 
@@ -217,6 +237,13 @@ class Track:
         if not self.smooths:
             knots.keep_last()
         return nis
+
+    def _stray(self, unheard: Unheard) -> None:
+        one, knots = self.filter, self._knots
+        transition = one.stray(unheard, self.time_ns, self._turn_rad)
+        knots.add(unheard.until_ns, one.state, one.covariance, transition)
+        if not self.smooths:
+            knots.keep_last()
 
     def _smoothed_batch(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough, and begin another piece."""
@@ -307,6 +334,59 @@ SIZE = 6
 #: An offset less sure than this is not known at all: nothing can be linearised about it [rad].
 #: Chosen by judgement: sin and its tangent then differ by a fifth.
 LOST_RAD = 1.0
+
+
+#: How long a walker keeps a direction: after a time t the mean cosine of the turn is exp(-t / this)
+#: [s]. Chosen by trial on logs of IPIN 2023 of odd trials.
+PERSISTENCE_S = 20.0
+
+
+def unheard_rad2(elapsed_s: float) -> float:
+    """Return the variance of how far a walker has turned after a time [rad2]."""
+    return 2 * elapsed_s / PERSISTENCE_S
+
+
+class Unheard(NamedTuple):
+    """A time in which nothing is heard of a walker, whose direction persists but for random turns.
+
+    Attributes
+    ----------
+    since_ns
+        When the last step before ended.
+    until_ns
+        Until when nothing is heard.
+    pace_mps
+        Speed before, for a scale of 1 [m/s].
+    heading_rad
+        Direction of that step by the gyroscope [rad].
+    turned_rad
+        By how much the gyroscope's frame is another one after it [rad].
+    walking
+        Part of the time for which nobody knows that the walker stood; below 1 they are not taken to
+        have gone on ahead.
+    """
+
+    since_ns: int
+    until_ns: int
+    pace_mps: float
+    heading_rad: float
+    turned_rad: float = 0.0
+    walking: float = 1.0
+
+    def way(self, from_ns: int) -> tuple[float, float]:
+        """Return the way along the direction before [m], and the variance per axis about it [m2].
+
+        That of a persistent random walk from ``from_ns`` on (R. Fürth, Zeitschrift für Physik 2,
+        1920, eq. 11), less what goes ahead.
+        """
+        lasts = PERSISTENCE_S
+        start_s, end_s = ((t - self.since_ns) / NS_PER_S for t in (from_ns, self.until_ns))
+        elapsed_s = max(end_s - start_s, 0.0) * self.walking
+        ahead_s = lasts * (math.exp(-start_s / lasts) - math.exp(-max(start_s, end_s) / lasts))
+        square_s2 = 2 * lasts * (elapsed_s - lasts * (1 - math.exp(-elapsed_s / lasts)))
+        ahead_s *= self.walking == 1.0
+        variance_s2 = max(square_s2 - ahead_s**2, 0.0) / 2
+        return self.pace_mps * ahead_s, self.pace_mps**2 * variance_s2
 
 
 @dataclass(frozen=True, slots=True)
@@ -408,6 +488,32 @@ class ReckoningFilter:
         room, given = _room(), (length_m, heading_rad, self.noise_record)
         kernels.reckoning.advance(self.state, self.covariance, *given, room)
         return np.asarray(room[0])
+
+    def stray(self, unheard: Unheard, from_ns: int, turn_rad: float) -> Array:
+        """Go as far as a walker may who is not heard; return the transition, shape (6, 6).
+
+        Parameters
+        ----------
+        unheard
+            What is known of that time.
+        from_ns
+            Since when nothing told more of the place.
+        turn_rad
+            The way ahead against the sensor's axis, counter-clockwise [rad].
+        """
+        length_m, variance_m2 = unheard.way(from_ns)
+        transition = self.step(length_m, unheard.heading_rad + turn_rad)
+        self.state[OFFSET] += unheard.turned_rad
+        p = self.covariance
+        p[PLACE, PLACE] += variance_m2 * np.eye(2)
+        p[OFFSET, OFFSET] += unheard_rad2(max(0, unheard.until_ns - from_ns) / NS_PER_S)
+        return transition
+
+    def forget_direction(self) -> None:
+        """Take it that the gyroscope's frame is turned by anything against the map."""
+        self.covariance[OFFSET, :] = self.covariance[:, OFFSET] = 0.0
+        self.covariance[OFFSET, OFFSET] = math.pi**2
+        self.origin = self.state[PLACE].copy()
 
     def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
         """Take a magnetic azimuth in, as the offset it asks for.

@@ -11,7 +11,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.events import Fix, Note, StepEvent, TrackPoint
+from groundtrace_codecs.events import SMOOTHED, Fix, Note, StepEvent, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -112,7 +112,9 @@ class TrackCheck:
             time_ns = state.last_ns or state.fed_ns
             yield Note(time_ns, self._none_text(), "WARN", self._tracking[-1].stage)
         for stage, worst in state.worst.items():
-            if worst.impossible and self._fastest is not None:
+            # a track that is gone again as more is known leaps as it goes, and not in the end
+            is_last_word = stage + SMOOTHED not in state.worst
+            if is_last_word and worst.impossible and self._fastest is not None:
                 limit_mps, who = self._fastest
                 far = f"{worst.apart_m:.1f} m in {worst.span_s:.1f} s"
                 text = (

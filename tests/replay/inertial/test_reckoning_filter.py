@@ -9,6 +9,7 @@ import pytest
 
 from groundtrace.inertial.pdr_filter import (
     OFFSET,
+    PERSISTENCE_S,
     PLACE,
     SCALE,
     MagneticBearing,
@@ -16,6 +17,7 @@ from groundtrace.inertial.pdr_filter import (
     ReckoningNoise,
     Stride,
     Track,
+    Unheard,
 )
 from groundtrace.inertial.steps import PositionReference, repeats_of
 from groundtrace_codecs.signals import NS_PER_S
@@ -260,3 +262,57 @@ def test_fixes_that_err_alike_teach_lengths_on_a_long_way_alone(
         made.fix(place)
     scale = float(made.filter.state[SCALE])
     assert scale == pytest.approx(math.log(1.15) if taught else 0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("start_s", [0.0, 6.0])
+def test_the_way_of_an_unheard_walker_is_that_of_a_persistent_random_walk(start_s: float) -> None:
+    rng, step_s, end_s, walkers = np.random.default_rng(3), 0.05, 20.0, 20_000
+    turns = rng.normal(0, math.sqrt(2 * step_s / PERSISTENCE_S), (walkers, round(end_s / step_s)))
+    turns[:, 0] = 0
+    way = 1.3 * step_s * np.exp(1j * np.cumsum(turns, axis=1))[:, round(start_s / step_s) :]
+    gone = way.sum(axis=1)
+    unheard = Unheard(0, round(end_s * NS_PER_S), 1.3, 0.0)
+    ahead_m, variance_m2 = unheard.way(round(start_s * NS_PER_S))
+    assert ahead_m == pytest.approx(gone.real.mean(), rel=0.02)
+    assert variance_m2 == pytest.approx((gone.real.var() + gone.imag.var()) / 2, rel=0.05)
+
+
+def test_an_unheard_walker_who_stood_for_a_part_of_the_time_is_anywhere_about_where_they_were() -> (
+    None
+):
+    given = (0, 10 * NS_PER_S, 1.3, 0.0, 0.0)
+    walks, partly = Unheard(*given).way(0), Unheard(*given, walking=0.1).way(0)
+    assert walks[0] > 10 > partly[0] == 0
+    assert 0 < partly[1] < 1.3**2
+    assert Unheard(*given, walking=0.0).way(0) == (0, 0)
+
+
+def test_a_track_goes_on_over_an_unheard_time_and_again_when_the_way_ahead_turns() -> None:
+    made = track(walker())
+    for k in range(1, 11):
+        made.step(Stride(at(k), 0.7, 0.0, None, 0.0), 0.0, settled=False)
+    at_gap = made.time_ns
+    unheard = Unheard(at_gap, at_gap + 2 * NS_PER_S, 1.4, 0.0, turned_rad=1.0)
+    (point,) = made.stray(unheard)
+    assert (point.x_m, point.y_m) == pytest.approx((7.0 + 2.8, 0.0), abs=0.2)
+    # the gyroscope's frame is another one: its headings are less by what it is turned
+    made.step(Stride(point.time_ns + at(1), 0.7, -1.0, None, 0.0), 0.0, settled=False)
+    (last,) = made.step(Stride(point.time_ns + at(2), 0.7, -1.0, None, 0.0), 0.5, settled=True)
+    gone = np.array([last.x_m, last.y_m])
+    np.testing.assert_allclose(gone, 11.2 * np.array([math.cos(0.5), math.sin(0.5)]), atol=0.3)
+
+
+def test_a_direction_that_is_lost_while_unheard_is_told_by_the_compass_again() -> None:
+    made = track(walker())
+    walk(made, 10)
+    begin_ns = made.time_ns + 60 * NS_PER_S
+    point, *smoothed = made.stray(Unheard(made.time_ns, begin_ns, 1.4, 0.0))
+    assert made.filter.lost
+    assert [p.stage for p in smoothed] == ["track.smoothed"] * 11
+    for k in range(1, 6):
+        sight = MagneticBearing(math.pi / 2, 0.1, 1.0)
+        made.step(Stride(begin_ns + at(k), 0.7, 0.0, sight, 0.0), 0.0, settled=True)
+    last = made.flush()[-1]
+    assert last.y_m - point.y_m == pytest.approx(3.5, abs=0.2)
+    assert last.x_m == pytest.approx(point.x_m, abs=0.2)
+    assert min(last.covariance[::2]) > 100

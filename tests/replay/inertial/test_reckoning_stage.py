@@ -234,18 +234,75 @@ def test_satellite_fixes_are_taken_in_where_there_are_some() -> None:
     assert abs(found[-1].x_m - metres[-1]) < abs(alone[-1].x_m - metres[-1])
 
 
-def test_a_gap_ends_the_track_and_the_next_begins_where_it_ended() -> None:
+def lost(
+    start_s: float, stop_s: float, silent_s: float = 0.0, *, parameters: ReckoningParameters = P
+) -> list[TrackPoint]:
+    """Track of a walk to the north of which a time is lost; its last step comes before by so much.
+
+    Before, it goes to the east, so that the gyroscope's frame is turned by a corner after it.
+    """
+    before, after = signal(start_s, (8.0,)), signal(40.0, (8.0,))
+    moved = [b for b in after if b.start_ns >= stop_s * NS_PER_S]
+    gap = Gap("/acc", round(start_s * NS_PER_S), round(stop_s * NS_PER_S), "missing", 200)
+    early = [s for s in steps(40.0) if s.time_ns < (start_s - silent_s) * NS_PER_S]
+    late = [s for s in steps(28.0) if s.time_ns > stop_s * NS_PER_S]
+    return points(run(stage(parameters), [*items(before, early), gap, *items(moved, late)[1:]]))
+
+
+def at_gap(found: Sequence[TrackPoint], stop_s: float) -> tuple[TrackPoint, TrackPoint]:
+    """Return the last point before a gap, and the first after it."""
+    after = next(k for k, p in enumerate(found) if p.time_ns >= stop_s * NS_PER_S)
+    return found[after - 1], found[after]
+
+
+def test_who_walks_before_and_after_a_gap_went_on_as_before_less_surely() -> None:
+    found = lost(14.0, 17.0)
+    assert {p.track for p in found} == {1}
+    before, after = at_gap(found, 17.0)
+    gone_s = (after.time_ns - before.time_ns) / NS_PER_S
+    assert after.y_m - before.y_m == pytest.approx(LENGTH_M / STEP_S * gone_s, rel=0.1)
+    assert after.x_m == pytest.approx(before.x_m, abs=0.2)
+    assert after.covariance[0] > before.covariance[0] + 1.0
+    whole = points(run(stage(), items(signal(40.0, (8.0,)), steps(28.0))))
+    assert found[-1].x_m == pytest.approx(whole[-1].x_m, abs=1.5)
+    assert found[-1].y_m == pytest.approx(whole[-1].y_m, abs=1.5)
+
+
+def test_a_gyroscope_alone_keeps_its_direction_over_a_gap() -> None:
+    found = lost(14.0, 16.0, parameters=replace(P, azimuth="gyroscope"))
+    before, after = at_gap(found, 16.0)
+    # its north is where the phone pointed first
+    assert before.x_m < -LENGTH_M / STEP_S * 4
+    assert after.x_m < before.x_m - 2.0
+    assert found[-1].x_m < after.x_m - 10.0
+    assert found[-1].y_m == pytest.approx(after.y_m, abs=0.2)
+
+
+def test_who_stood_before_a_gap_is_not_taken_to_have_walked_on() -> None:
+    before, after = at_gap(lost(20.0, 21.0, silent_s=8.0), 21.0)
+    assert (after.x_m, after.y_m) == pytest.approx((before.x_m, before.y_m), abs=0.05)
+    walking = at_gap(lost(12.0, 21.0), 21.0)
+    spread = [
+        sum(now.covariance[::2]) - sum(then.covariance[::2])
+        for then, now in ((before, after), walking)
+    ]
+    assert spread[0] < 0.2 * spread[1]
+
+
+def test_places_within_a_gap_are_taken_in() -> None:
+    labels = [
+        Label(time_ns=0, kind="waypoint", x_m=0.0, y_m=0.0),
+        Label(time_ns=18 * NS_PER_S, kind="waypoint", x_m=20.0, y_m=-3.0),
+    ]
+    made = stage(replace(P, updates="waypoints"), labels)
     before, after = signal(14.0, ()), signal(30.0, ())
-    moved = [b for b in after if b.start_ns >= 18 * NS_PER_S]
-    gap = Gap("/acc", 14 * NS_PER_S, 18 * NS_PER_S, "missing", 200)
-    early = [s for s in steps() if s.time_ns < 13 * NS_PER_S]
-    late = [s for s in steps() if s.time_ns > 20 * NS_PER_S]
-    given = [*items(before, early), gap, *items(moved, late)[1:]]
-    found = points(run(stage(), given))
-    assert {p.track for p in found} == {1, 2}
-    last = [p for p in found if p.track == 1][-1]
-    first = next(p for p in found if p.track == 2)
-    assert (first.x_m, first.y_m) == (last.x_m, last.y_m)
+    moved = [b for b in after if b.start_ns >= 24 * NS_PER_S]
+    gap = Gap("/acc", 14 * NS_PER_S, 24 * NS_PER_S, "missing", 500)
+    early = [s for s in steps() if s.time_ns < 14 * NS_PER_S]
+    late = [s for s in steps() if s.time_ns > 24 * NS_PER_S]
+    found = points(run(made, [*items(before, early), gap, *items(moved, late)[1:]]))
+    (met,) = [p for p in found if p.time_ns == 18 * NS_PER_S]
+    assert (met.x_m, met.y_m) == pytest.approx((20.0, -3.0), abs=0.6)
 
 
 def test_steps_without_a_gyroscope_lead_nowhere_and_that_is_said() -> None:

@@ -10,7 +10,7 @@ import pytest
 from groundtrace.pipeline.chain import build_pipeline
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.track_check import TrackCheck, Tracking
-from groundtrace_codecs.events import Fix, Note, StepEvent, TrackPoint
+from groundtrace_codecs.events import SMOOTHED, Fix, Note, StepEvent, TrackPoint
 from groundtrace_codecs.geometry import Geometry
 
 NS = 10**9
@@ -64,6 +64,13 @@ def test_another_track_and_another_stage_begin_anew() -> None:
     far = [TrackPoint(p.time_ns, 2, p.x_m + 500, 0.0, 0.0, 0.0, NAN, "track") for p in points(1.0)]
     both = sorted([*points(1.0), *far, *points(2.0, stage="smoothed")], key=lambda p: p.time_ns)
     assert not checked(both)
+
+
+def test_a_track_that_leaps_as_it_goes_may_be_where_the_smoothed_one_does_not() -> None:
+    leaps, smoothed = points(60.0), points(1.2, stage="track" + SMOOTHED)
+    assert not checked([*leaps, *smoothed])
+    (note,) = checked([*points(1.2), *points(60.0, stage="track" + SMOOTHED)])
+    assert "track.smoothed: a track that cannot be" in note.text
 
 
 def test_in_an_unknown_unit_no_speed_is_judged() -> None:
