@@ -105,12 +105,15 @@ class Attitude:
         Whether the heading is the gyroscope's alone: about the vertical it only integrates. That a
         walker's velocity stays near its mean tells the tilt. About the vertical it would tell
         something as well, as far as the heading is uncertain, and wrongly at every corner.
+    earth_before
+        Field of the earth before a gap: north and up, shape (2,) [T]; NaN where there was none.
     """
 
     noise: AttitudeNoise
     state: NDArray[Any] = field(default_factory=_unknown)
     started: bool = False
     free: bool = False
+    earth_before: Array = field(default_factory=lambda: np.full(2, np.nan))
 
     @property
     def orientation(self) -> Array:
@@ -151,16 +154,26 @@ class Attitude:
     def start(self, force: Array, *, still: bool) -> None:
         """Level by the first frame's specific force; the heading is the body's x axis for now.
 
-        Of a sensor that moves, it is gravity and an acceleration that nothing tells. A bias that
-        was taken before is known.
+        Of a sensor that moves, it is gravity and an acceleration that nothing tells. Bias and iron
+        may be known from before a gap.
         """
         tilt, speed = STILL_RAD if still else MOVING_RAD, self.noise.speed_mps
-        bias, iron = self.bias_sigma, self.noise.iron_start
-        bias[bias == 0] = self.noise.bias_start
-        sigma = [tilt, tilt, np.pi] + 3 * [speed] + [*bias] + 3 * [iron] + 2 * [0.0]
+        bias, iron = self.noise.bias_start, self.noise.iron_start
+        sigma = [tilt, tilt, np.pi] + 3 * [speed] + 3 * [bias] + 3 * [iron] + 2 * [0.0]
+        variances, known = np.array(sigma) ** 2, np.diag(self.state["covariance"])
         self.state["orientation"] = levelled(force)
-        self.state["covariance"] = np.diag(np.array(sigma) ** 2)
+        self.state["covariance"] = np.diag(np.where(known > 0, known, variances))
         self.started = True
+
+    def resume(self, before: Attitude) -> None:
+        """Know of the sensor and the field what was known before a gap, not where it points."""
+        if not before.started:
+            return
+        known = before.state["covariance"]
+        self.state["gyro_bias"], self.state["hard_iron"] = before.bias, before.state["hard_iron"]
+        for rows in (BIAS, IRON):
+            self.reset(rows, np.diag(np.diag(known)[rows]))
+        self.earth_before = before.earth if before.knows_field else before.earth_before
 
     def face(self, field: Array, sigma_t: float) -> None:
         """Turn north to where a field points, earth frame, shape (3,) [T]."""
@@ -201,7 +214,7 @@ class Attitude:
         """Know nothing of earth and iron again: the magnetometer became another one."""
         for name in ("hard_iron", "doubted", "verified_rad", "fields"):
             self.state[name] = 0
-        self.state["earth_field"] = np.nan
+        self.state["earth_field"], self.earth_before = np.nan, np.full(2, np.nan)
         self.reset(IRON, np.eye(3) * self.noise.iron_start**2)
 
     def reset(self, rows: slice, covariance: Array) -> None:

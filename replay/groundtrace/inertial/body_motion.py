@@ -136,7 +136,7 @@ class LevelFrameTracker:
         self._estimator.attitude = Attitude(AttitudeNoise(bias_start=BIAS), free=True)
 
     def resume(self, before: LevelFrameTracker) -> None:
-        """Know of the gyroscope's bias what was known before a gap."""
+        """Know of the sensor what was known before a gap."""
         self._estimator.resume(before._estimator)
 
     @property

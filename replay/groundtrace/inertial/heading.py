@@ -183,10 +183,9 @@ class HeadingEstimator:
         return float(late / moved)
 
     def resume(self, before: HeadingEstimator) -> None:
-        """Know of the gyroscope's bias what was known before a gap."""
-        self._quiet.means = [*before._quiet.means]
-        if before.attitude.started:
-            self.attitude.take_bias(before.attitude.bias, before.attitude.bias_sigma)
+        """Know of the sensor and the field what was known before a gap, not where it points."""
+        self._quiet.means, self.calibration = before._quiet.means, before.calibration
+        self.attitude.resume(before.attitude)
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
@@ -300,12 +299,15 @@ class HeadingEstimator:
         )
 
     def _meet(self, field: Array) -> None:
-        """Take the first field, earth frame [T], for the earth's."""
+        """Take the first field, earth frame [T], for the earth's, or face it by that of before."""
         sigma_t = self.parameters.field_sigma_ut * TESLA
         attitude, state, before = self.attitude, self.attitude.state, self.attitude.orientation
         place_t = self.parameters.place_ut * TESLA
-        attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), place_t)
-        attitude.face(field, sigma_t)
+        seen, earth = np.array([math.hypot(field[0], field[1]), field[2]]), attitude.earth_before
+        off_t = float(np.nan_to_num(np.linalg.norm(seen - earth)))
+        north_t, up_t = np.where(np.isnan(earth), seen, earth).tolist()
+        attitude.take_earth(north_t, up_t, place_t)
+        attitude.face(field, math.hypot(sigma_t, off_t))
         turn = turn_about_vertical(before, attitude.orientation)
         state["gyroscope_offset_rad"] = state["gyroscope_offset_rad"] - turn if self._faced else 0.0
         self._faced = True
@@ -660,3 +662,9 @@ class CompassHeading(HeadingStage):
     def filter(self, rate_hz: float) -> HeadingEstimator:
         """Return an estimator at a rate [Hz]."""
         return HeadingEstimator(self.parameters, rate_hz)
+
+    def resume(self, before: CompassHeading) -> None:
+        """Know what was known of the sensor before a gap."""
+        now, then = self._filter, before._filter
+        assert isinstance(now, HeadingEstimator) and isinstance(then, HeadingEstimator)
+        now.resume(then)

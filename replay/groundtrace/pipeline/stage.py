@@ -297,7 +297,8 @@ class Stage(Protocol):
     Columns named in ``of_usual`` say what there is of a usual event in a candidate, 1 of that one.
 
     It may have a method ``filled`` that is told of each gap of its topic that was filled, before
-    the block that fills it.
+    the block that fills it. One whose scope is ``placement`` may have a method ``resume``, called
+    after ``start`` with the stage of the run that a gap ended: the sensor is the same one.
 
     One that says its ``memory`` can begin in the middle of a recording. The index of the first
     sample that it is given of a run, ``block.first``, is then not 0, and what it counts from the
@@ -437,6 +438,8 @@ class _State:
         By topic, for what is looked back at.
     fresh
         Topics on which a stage began without knowing when: thresholds are looked at with the block.
+    ended
+        Stages that a gap ended, by what they are for; the next one may know what they know.
     """
 
     instances: dict[str, _Instance | _Refused] = field(default_factory=dict)
@@ -445,6 +448,7 @@ class _State:
     early: dict[str, list[Any]] = field(default_factory=dict)
     buffers: dict[str, tuple[list[int], SignalBuffer] | None] = field(default_factory=dict)
     fresh: set[str] = field(default_factory=set)
+    ended: dict[str, Stage] = field(default_factory=dict)
     rounds: StreamSynchronizer | None = None
     tracks: Numbers = field(default_factory=Numbers)
 
@@ -771,6 +775,8 @@ class StageRunner:
                 instance.carry = GateState()
             if self.kind.scope == "placement":  # its streams are to be found again
                 del self._state.instances[key]
+                if not stepped:
+                    self._state.ended[key] = instance.stage
 
     def _tell_filled(self, gap: Gap) -> None:
         """Tell those that want to know which samples of their topic were filled."""
@@ -882,6 +888,9 @@ class StageRunner:
                 self._say_refused(refused, topic, time_ns, out)
             self._state.instances[key] = refused
             return refused
+        before, resume = self._state.ended.pop(key, None), getattr(stage, "resume", None)
+        if before is not None and resume is not None:
+            resume(before)
         instance = _Instance(stage, self._spec(stage, topic, names), context)
         self._state.instances[key] = instance
         out.append(instance.spec)
