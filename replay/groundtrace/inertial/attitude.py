@@ -398,6 +398,14 @@ class HeadingParameters:
     ] = "x"
     output_hz: Annotated[float, measured("Hz", "Headings per second.", gt=0)] = 50.0
     frame_s: Annotated[float, measured("s", "Length of a frame.", ge=0.02, le=0.5)] = 0.1
+    direction_deg: Annotated[
+        float,
+        measured(
+            "deg",
+            "What the field itself may point aside from north; 0 where one was measured.",
+            ge=0,
+        ),
+    ] = 10.0
     gyro_scale: Annotated[
         float,
         measured("sqrt(rad)", "Error of a turn over the square root of what was turned.", ge=0),

@@ -638,9 +638,13 @@ class HeadingStage(Stage):
             if self._due_ns is None or time_ns >= self._due_ns - self._period_ns / 2:
                 rows.append(row)
                 self._due_ns = round(max(self._due_ns or 0, time_ns - every_ns / 2) + every_ns)
-        sigma = np.repeat(frames.sigma_rad, frames.lengths)[rows]
+        sigma = np.repeat(self.claimed_rad(frames.sigma_rad), frames.lengths)[rows]
         columns = (frames.time_ns[rows], frames.heading_rad[rows], sigma)
         return map(Heading, *(x.tolist() for x in columns), repeat(self._stage))
+
+    def claimed_rad(self, sigma_rad: Array) -> Array:
+        """Return the standard deviations of headings that a filter knows so well [rad]."""
+        return sigma_rad
 
     def _notes(self, frames: HeadingFrames) -> Iterator[Note]:
         """Yield what a person should know, each once."""
@@ -662,6 +666,11 @@ class CompassHeading(HeadingStage):
     def filter(self, rate_hz: float) -> HeadingEstimator:
         """Return an estimator at a rate [Hz]."""
         return HeadingEstimator(self.parameters, rate_hz)
+
+    def claimed_rad(self, sigma_rad: Array) -> Array:
+        """Add what the field's direction itself may be off by, which the filter cannot see."""
+        both = np.hypot(sigma_rad, math.radians(self.parameters.direction_deg))
+        return np.asarray(np.minimum(both, math.pi))
 
     def resume(self, before: CompassHeading) -> None:
         """Know what was known of the sensor before a gap."""

@@ -22,6 +22,15 @@ if TYPE_CHECKING:
 VQF = b'name = "vqf"\napplication = "walker"\n[[stage]]\nname = "heading"\nuse = "vqf"\n'
 
 
+MEASURED = b"""name = "measured"
+application = "walker"
+[[stage]]
+name = "heading"
+use = "compass"
+parameters = {direction_deg = 0.0}
+"""
+
+
 def stream(topic: str, *quantities: tuple[str, str], rate_hz: float = RATE_HZ) -> Stream:
     channels = tuple(
         Channel(f"{q}_{axis}", q, unit, axis) for q, unit in quantities for axis in "xyz"
@@ -102,9 +111,12 @@ LOST = [(at, at + 20) for at in range(700, 2900, 100)]
 
 def test_lost_samples_make_a_heading_less_sure() -> None:
     case = turning(30.0)
-    told = of(said(with_losses(case, LOST)), Heading)
-    gapless = [item for item in with_losses(case, LOST) if not isinstance(item, Gap)]
-    unsaid = of(said(gapless), Heading)
+    given = with_losses(case, LOST)
+    gapless = [item for item in given if not isinstance(item, Gap)]
+    told, unsaid = (
+        of(said(items, build_pipeline(parse_pipeline(MEASURED, "measured.toml"))), Heading)
+        for items in (given, gapless)
+    )
     sigma, before = (np.array([h.sigma_rad for h in found]) for found in (told, unsaid))
     assert sigma[500:].mean() > 1.1 * before[500:].mean()
     true = headings_of(case.orientation, np.array([1.0, 0, 0]))
@@ -153,12 +165,29 @@ def test_a_recording_without_a_gyroscope_gives_nothing() -> None:
     assert said([SignalBlock(force, 0, 0, case.samples.force)]) == []
 
 
-def test_after_a_gap_of_the_gyroscope_everything_begins_anew() -> None:
-    whole = blocks(turning(10.0))
-    gap = Gap("/imu", whole[9].end_ns, whole[10].start_ns, "missing", 1)
-    both, alone = said([*whole[:10], gap, *whole[10:]]), said(whole[10:])
-    fresh = of(alone, Heading)
-    assert of(both, Heading)[-len(fresh) :] == fresh
+def test_after_a_gap_where_a_sensor_points_is_not_known_and_what_it_is_like_is() -> None:
+    case = turning(90.0).attached((25, 0, 10), 0.0, 90.0)
+    whole = blocks(case)
+    stop = 2 * 70  # two streams, two blocks a second
+    gap = Gap("/imu", whole[2 * stop - 2].end_ns, whole[2 * stop].start_ns, "missing", 1)
+    both = of(said([*whole[: 2 * stop], gap, *whole[2 * stop :]]), Heading)
+    alone = of(said(whole[2 * stop :]), Heading)
+    true = headings_of(case.orientation, np.array([1.0, 0, 0]))
+    off = []
+    for found in (both[-len(alone) :], alone):
+        at = np.searchsorted(case.samples.time_ns, [h.time_ns for h in found])
+        errors = [wrap_angle(h.heading_rad - true[k]) for h, k in zip(found, at, strict=True)]
+        off.append(float(np.median(np.abs(errors))))
+    assert off[0] < 0.1 < off[1]
+
+
+def test_a_heading_claims_what_the_field_itself_may_be_off_by() -> None:
+    items = blocks(turning(10.0))
+    usual = of(said(items), Heading)
+    measured = of(said(items, build_pipeline(parse_pipeline(MEASURED, "m.toml"))), Heading)
+    for one, other in zip(usual, measured, strict=True):
+        both = np.hypot(other.sigma_rad, np.radians(10.0))
+        assert one.sigma_rad == pytest.approx(min(both, np.pi))
 
 
 def test_samples_that_are_no_numbers_do_not_spread() -> None:
