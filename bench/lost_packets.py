@@ -1,22 +1,29 @@
 """What lost packets of a recorder do to steps in rooms, vehicles, walkers and headings.
 
     python bench/lost_packets.py [--seeds 5 6] [--data FOLDER] [--walks FOLDER] [--broad FOLDER]
+                                 [--logs FOLDER]
 
 Rooms and vehicles are simulated; packets of one length, all channels at once, are left out at
 random times, and each recording is replayed with gaps filled up to every limit. Steps found and
 false; of vehicles passes found and false, what their moments are off, and how many fixes and points
 of tracks there are. Walkers are ten walks of ``back-steps``, or of the people that
-``published_walks.py`` tells of, with a packet lost in four seconds: F1 of their steps at 0.12 s,
-and how many tracks ``pedestrian`` gives of a walk. The limits that ship, ``bridges_s`` of stages,
+``published_walks.py`` tells of, with a packet lost in four seconds: F1 of their steps at 0.12 s.
+The limits that ship, ``bridges_s`` of stages,
 were chosen here with seeds 3 and 4 and on back-steps; others report. Headings are those of the
 BROAD trials at hand, or of a folder with others, with as many packets lost: their errors, what they
 claim, and how many are within two deviations, told of the losses and not.
+
+Tracks are those of the phones of ``indoor-location-20``, or of the logs that ``phone_logs.py``
+tells of, without satellite fixes, with a time lost in twenty seconds from the first marked place
+on: how far they are off at the others [m], the square of that by what is claimed, and the part
+within the claimed ellipse of 90 %; medians over recordings of each one's median or part.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
@@ -24,13 +31,16 @@ from typing import TYPE_CHECKING
 from unittest import mock
 
 import numpy as np
-from heading_accuracy import claimed_errors, imported, rms
+from heading_accuracy import MEASURED, claimed_errors, imported, rms
+from pedestrian_accuracy import CHI2_90
+from phone_logs import points_of
 from published_walks import unseen, write_back
 
+import groundtrace as gt
 from groundtrace.evaluation.matching import f1_score, match
 from groundtrace.inertial.heading import HeadingStage
 from groundtrace.pipeline.chain import build_pipeline
-from groundtrace.pipeline.config import load_pipeline
+from groundtrace.pipeline.config import checked_pipeline
 from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write
@@ -45,6 +55,8 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from groundtrace_codecs.writer import write_recording
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
@@ -57,8 +69,11 @@ ROOM_MS, ROOM_LIMITS_S = (20, 50, 70, 90, 150), (0.02, 0.05, 0.1, None)
 VEHICLE_MS, VEHICLE_LIMITS_S = (90, 110, 200, 300, 500), (0.1, 0.3, 0.6, None)
 HEADING_MS = (90, 200, 300)
 WALKER_MS, WALKER_LIMITS_S = (90, 150, 200, 300, 400), (0.1, 0.3, 0.6, None)
+TRACK_MS = (500, 1000, 3000, 10000)
+#: Trials from this number on go up and down stairs.
+LEVEL_TRIALS = 50
 #: Lost packets a second.
-ROOM_RATE, VEHICLE_RATE, WALKER_RATE = 1.0, 0.2, 0.25
+ROOM_RATE, VEHICLE_RATE, WALKER_RATE, TRACK_RATE = 1.0, 0.2, 0.25, 0.05
 #: Walks of back-steps: people and trials.
 PEOPLE, TRIALS = (1, 5, 9, 13, 17), (2, 4)
 STEP_S, PASS_S = 0.12, 1.0
@@ -93,11 +108,14 @@ def lose(source: Path, out: Path, packet_s: float, rate: float, since_s: float =
         )
 
 
-def replayed(path: Path, pipeline: str, limit_s: float | None) -> tuple[list[Event], Recording]:
+def replayed(
+    path: Path, pipeline: str, limit_s: float | None, settings: Sequence[str] = ()
+) -> tuple[list[Event], Recording]:
     """Return the events of a replay with gaps filled up to a limit."""
     sink = EventList()
     with Recording.open(path) as recording:
-        chain = build_pipeline(load_pipeline(pipeline), recording.geometry, recording.labels)
+        config = checked_pipeline(pipeline, settings)
+        chain = build_pipeline(config, recording.geometry, recording.labels)
         bridge_s = chain.bridge_s if limit_s is None else limit_s
         replay(Source(recording, bridge_s=bridge_s), chain, [sink])
         return sink.events, recording
@@ -138,21 +156,19 @@ def walks_of(data: Path, walks: Path | None, folder: Path) -> list[Path]:
 
 
 def walkers(made: list[Path], lossy: Path) -> None:
-    """Print what becomes of steps and tracks of walkers."""
-    print("walkers: F1 of steps within 0.12 s, tracks of a walk")
+    """Print what becomes of steps of walkers."""
+    print("walkers: F1 of steps within 0.12 s")
     print(f"{'filled up to':12}" + "".join(f"{ms:10} ms" for ms in (0, *WALKER_MS)))
     for limit_s in WALKER_LIMITS_S:
         cells = []
         for ms in (0, *WALKER_MS):
-            total, tracks = np.zeros(3, int), []
+            total = np.zeros(3, int)
             for path in made:
                 lose(path, lossy, ms / 1e3, WALKER_RATE if ms else 0.0)
                 total += steps(lossy, "waist-steps", limit_s)
-                events, _ = replayed(lossy, "pedestrian", limit_s)
-                tracks.append(len({e.track for e in events if isinstance(e, TrackPoint)}))
             found, false, true = total
             f1 = f1_score(true, found + false, found)
-            cells.append(f"{f1:8.3f},{np.mean(tracks):4.1f}")
+            cells.append(f"{f1:13.3f}")
         print(f"{named(limit_s):12}" + "".join(cells), flush=True)
 
 
@@ -160,7 +176,7 @@ def heading_off(path: Path, *, tell: bool) -> np.ndarray:
     """Return errors of headings and what they claim, shape (2, n) [deg]."""
     untold = mock.patch.object(HeadingStage, "filled")
     with nullcontext() if tell else untold:
-        events, recording = replayed(path, "heading", None)
+        events, recording = replayed(path, "heading", None, MEASURED)
     return np.degrees(claimed_errors(recording.labels, events)[1:])
 
 
@@ -179,6 +195,54 @@ def headings(trials: list[Path], folder: Path) -> None:
             within = np.mean(np.abs(off) < 2 * claimed)
             said = "yes" if tell else "no"
             print(f"{ms:4} {said:4}{rms(off):8.2f}{rms(claimed):8.2f}{within:8.3f}", flush=True)
+
+
+def track_figures(path: Path) -> tuple[float, float, float]:
+    """Return how far a track is off [m], its normalised squares, and the part within ellipses.
+
+    At marked places, from the first of them on; NaN where fewer than three are passed.
+    """
+    with Recording.open(path) as recording:
+        places = [x for x in recording.labels if x.kind == "waypoint"]
+    points = points_of(gt.replay(path, "pedestrian", {"track.updates": "none"}))
+    places = [x for x in places if points and points[0].time_ns <= x.time_ns <= points[-1].time_ns]
+    if len(places) <= 2:
+        return np.nan, np.nan, np.nan
+    columns = np.array([(p.x_m, p.y_m, *p.covariance) for p in points]).T
+    x, y, xx, xy, yy = (
+        np.interp([k.time_ns for k in places], [p.time_ns for p in points], c) for c in columns
+    )
+    true = np.array([(k.x_m, k.y_m) for k in places]).T
+    right, up = (k - k[0] for k in np.stack([x, y]) - true)
+    squares = (yy * right**2 - 2 * xy * right * up + xx * up**2) / (xx * yy - xy**2)
+    off = np.hypot(right, up)[1:]
+    return float(np.median(off)), float(np.median(squares[1:])), np.mean(squares[1:] < CHI2_90)
+
+
+def tracks(sources: Sequence[Path], folder: Path) -> None:
+    """Print what becomes of tracks of phones."""
+    print(f"tracks of {len(sources)} phones: lost [ms], off [m], squares, within")
+    made, lossy = folder / "phone.mcap", folder / "lossy.mcap"
+    rows: dict[int, list[tuple[float, float, float]]] = {}
+    for source in sources:
+        import_recording([source], made, force=True)
+        with Recording.open(made) as recording:
+            first_ns = min(x.time_ns for x in recording.labels if x.kind == "waypoint")
+            since_s = (first_ns - recording.start_ns) / NS_PER_S + 5.0
+        for ms in (0, *TRACK_MS):
+            lose(made, lossy, ms / 1e3, TRACK_RATE if ms else 0.0, since_s)
+            rows.setdefault(ms, []).append(track_figures(lossy))
+    for ms, found in rows.items():
+        off_m, squares, part = np.nanmedian(found, axis=0)
+        print(f"{ms:6}{off_m:8.1f}{squares:8.2f}{part:8.2f}", flush=True)
+
+
+def phone_logs(data: Path, logs: Path | None) -> list[Path]:
+    """Return the logs of phones at hand, or of a folder those on one floor."""
+    if logs is None:
+        return sorted(data.glob("indoor-location-20/**/path_data_files/*.txt"))
+    trials = {path: re.search(r"Trial(\d+)_", path.stem) for path in sorted(logs.glob("*.txt"))}
+    return [path for path, trial in trials.items() if trial and int(trial[1]) < LEVEL_TRIALS]
 
 
 def vehicles(path: Path, limit_s: float | None) -> tuple[int, int, float, int]:
@@ -211,6 +275,7 @@ def main() -> None:
         "--data", type=Path, default=Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
     )
     parser.add_argument("--walks", type=Path, help="GaitData as published: people never at hand")
+    parser.add_argument("--logs", type=Path, help="logs of IPIN 2023 other than phones of --data")
     parser.add_argument("--broad", type=Path, help="trials of BROAD other than those of --data")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
@@ -221,6 +286,8 @@ def main() -> None:
             for seed, path in zip(options.seeds, made[kind], strict=True):
                 write(SIMULATED[kind](seed), path)
         lossy = folder / "lossy.mcap"
+        if phones := phone_logs(options.data, options.logs):
+            tracks(phones, folder)
         if walks := walks_of(options.data, options.walks, folder):
             walkers(walks, lossy)
         at_hand = options.broad or options.data / "broad"

@@ -160,19 +160,19 @@ class Attitude:
         tilt, speed = STILL_RAD if still else MOVING_RAD, self.noise.speed_mps
         bias, iron = self.noise.bias_start, self.noise.iron_start
         sigma = [tilt, tilt, np.pi] + 3 * [speed] + 3 * [bias] + 3 * [iron] + 2 * [0.0]
-        variances, known = np.array(sigma) ** 2, np.diag(self.state["covariance"])
+        variances, before = np.array(sigma) ** 2, np.diag(self.state["covariance"])
         self.state["orientation"] = levelled(force)
-        self.state["covariance"] = np.diag(np.where(known > 0, known, variances))
+        self.state["covariance"] = np.diag(np.where(before > 0, before, variances))
         self.started = True
 
     def resume(self, before: Attitude) -> None:
         """Know of the sensor and the field what was known before a gap, not where it points."""
         if not before.started:
             return
-        known = before.state["covariance"]
+        variances = np.diag(before.state["covariance"])
         self.state["gyro_bias"], self.state["hard_iron"] = before.bias, before.state["hard_iron"]
         for rows in (BIAS, IRON):
-            self.reset(rows, np.diag(np.diag(known)[rows]))
+            self.reset(rows, np.diag(variances[rows]))
         self.earth_before = before.earth if before.knows_field else before.earth_before
 
     def face(self, field: Array, sigma_t: float) -> None:

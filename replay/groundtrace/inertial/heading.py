@@ -675,5 +675,6 @@ class CompassHeading(HeadingStage):
     def resume(self, before: CompassHeading) -> None:
         """Know what was known of the sensor before a gap."""
         now, then = self._filter, before._filter
-        assert isinstance(now, HeadingEstimator) and isinstance(then, HeadingEstimator)
+        assert isinstance(now, HeadingEstimator)
+        assert isinstance(then, HeadingEstimator)
         now.resume(then)

@@ -7,7 +7,6 @@ not the usual ones is doubted by just as much.
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -26,14 +25,12 @@ from .body_motion import LevelFrameTracker
 from .carried_iron import CarriedIron, IronFit
 from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
 from .pdr_filter import (
-    LOST_RAD,
     MagneticBearing,
     ReckoningFilter,
     ReckoningNoise,
     Stride,
     Track,
     Unheard,
-    unheard_rad2,
 )
 from .rotations import mean_matrix, wrap_angle
 from .steps import (
@@ -117,14 +114,11 @@ class Silence:
         Since when the signal is heard again, without a step as yet.
     stood_ns
         For how long it was heard without one.
-    turned_rad
-        By how much the gyroscope's frame is another one after it [rad]; None before a step tells.
     """
 
     since_ns: int
     heard_ns: int
     stood_ns: int = 0
-    turned_rad: float | None = None
 
     def listen(self, until_ns: int, again_ns: int) -> None:
         """Take it that no step was heard until the signal ended, and that it is back again."""
@@ -188,8 +182,8 @@ class PedestrianDeadReckoning:
             self._silence = Silence(self._last_ns, self._last_ns)
         if self._silence is not None:
             self._silence.listen(until_ns, again_ns)
-            self._silence.turned_rad = None
         self._last_ns, self._by_last = None, (0.0, 0.0)
+        self._north.forget_axes()
 
     def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
@@ -212,8 +206,6 @@ class PedestrianDeadReckoning:
         self._facing.watch(step, interval_s, motion)
         look = self._facing.heading(motion, *span)
         heading = look + ASIDE.get(step.type, 0.0)
-        if self._silence is not None:
-            self._resume(self._silence, look, step.time_ns)
         sight, off = self._north.sight(motion, *span, length_m)
         sight = None if p.azimuth == "gyroscope" else sight
         stride = Stride(step.time_ns, length_m, heading, sight, *motion.by_end(*span))
@@ -336,19 +328,12 @@ class PedestrianDeadReckoning:
         self._track = Track(walker, time_ns, self.stage, self.number, *piece, smooths=p.smooth)
         return self._track.begin()
 
-    def _resume(self, silence: Silence, look_rad: float, time_ns: int) -> None:
-        """Take it that a walker looks where they looked before a gap, but for random turns."""
-        if silence.turned_rad is not None or self._last is None:
-            return
-        silence.turned_rad = self._last.look_rad - look_rad
-        is_lost = unheard_rad2((time_ns - silence.since_ns) / NS_PER_S) > LOST_RAD**2
-        self._north.turn_axes(None if is_lost else silence.turned_rad)
-
     def _heard_again(self, track: Track, silence: Silence, step: _Measured) -> list[TrackPoint]:
         """Go on to where a step begins that is heard first after a gap."""
-        points = self._take_places(track, step.begin_ns)
+        points, before = self._take_places(track, step.begin_ns), self._last
         silence.listen(step.begin_ns, step.begin_ns)
-        points += self._stray(track, silence, step.begin_ns, silence.turned_rad or 0.0)
+        turned_rad = 0.0 if before is None else before.look_rad - step.look_rad
+        points += track.resume(self._unheard(track, silence, step.begin_ns), turned_rad)
         self._silence = None
         return points
 
@@ -356,30 +341,19 @@ class PedestrianDeadReckoning:
         """Take in the known places up to a time."""
         points = []
         while self._places and self._places[0].time_ns <= until_ns:
-            place = self._places.pop(0)
+            fix = self._places.pop(0)
             if self._silence is not None:
-                points += self._stray(track, self._silence, place.time_ns)[1:]
-            points += track.fix(place)
+                track.stray(self._unheard(track, self._silence, fix.time_ns))
+            points += track.fix(fix)
         return points
 
-    def _stray(
-        self, track: Track, silence: Silence, until_ns: int, turned_rad: float = 0.0
-    ) -> list[TrackPoint]:
-        """Let the walker go on unheard; from there on the gyroscope's frame may be another one."""
-        last = self._last
-        if last is None:
-            return []
+    def _unheard(self, track: Track, silence: Silence, until_ns: int) -> Unheard:
+        """Return what is known of a walker who is not heard until a time."""
         until_ns = max(until_ns, track.time_ns)
-        walking = max(0.0, 1 - silence.stood_ns / (until_ns - silence.since_ns))
-        unheard = Unheard(
-            silence.since_ns,
-            until_ns,
-            self._pace_mps,
-            last.stride.heading_rad,
-            turned_rad,
-            walking,
-        )
-        return track.stray(unheard)
+        share = silence.stood_ns / max(until_ns - silence.since_ns, 1)
+        heading_rad = 0.0 if self._last is None else self._last.stride.heading_rad
+        walking = max(0.0, 1 - share)
+        return Unheard(silence.since_ns, until_ns, self._pace_mps, heading_rad, walking)
 
 
 TURNING = "angular_velocity"
@@ -673,15 +647,12 @@ class SeenField(NamedTuple):
         The mean rotation from the sensor's axes to these, shape (3, 3).
     repeats
         How many steps in a row err alike.
-    axes_rad
-        By how much these axes are turned against those of the first step [rad].
     """
 
     time_ns: int
     field: Array
     turn: Array
     repeats: float
-    axes_rad: float
 
 
 class FieldDirection:
@@ -708,24 +679,17 @@ class FieldDirection:
         self._carried = CarriedIron()
         self._seen: deque[SeenField] = deque()
         self._others: dict[int, MagneticBearing] = {}
-        self._axes_rad = 0.0
         self.news = ""
         self._begin()
 
     def _begin(self) -> None:
         self._reference: tuple[float, float] | None = None  # horizontal and vertical part [T]
-        self._directions = 0j  # sum of unit vectors along the field in the first level axes
+        self._directions = 0j  # sum of unit vectors along the field in the level axes
         self._before = 0.0  # lengths of such sums in axes that are forgotten
         self.steps = 0
 
-    def turn_axes(self, turned_rad: float | None) -> None:
-        """Take it that the level axes are turned against those before, None: nobody knows how far.
-
-        Iron and field are the same.
-        """
-        if turned_rad is not None:
-            self._axes_rad += turned_rad
-            return
+    def forget_axes(self) -> None:
+        """Take it that the level axes are others from now on; iron and field are the same."""
         self._seen, self._others = deque(), {}
         self._before, self._directions = self._before + abs(self._directions), 0j
 
@@ -782,8 +746,7 @@ class FieldDirection:
         if not math.isfinite(float(field_.sum())):
             return None, math.nan
         repeats = 2 * self.parameters.compass_memory_m / max(length_m, 0.1)
-        turn = mean_matrix(motion.orientation[rows])
-        seen = SeenField(stop_ns, field_, turn, repeats, self._axes_rad)
+        seen = SeenField(stop_ns, field_, mean_matrix(motion.orientation[rows]), repeats)
         self._seen.append(seen)
         return self._look(seen)
 
@@ -811,7 +774,7 @@ class FieldDirection:
             before[0] + weight * (flat - before[0]),
             before[1] + weight * (up - before[1]),
         )
-        self._directions += complex(east, north) / flat * cmath.exp(1j * seen.axes_rad)
+        self._directions += complex(east, north) / flat
         p = self.parameters
         sigma = math.hypot(math.radians(p.compass_deg), off / max(before[0], LEAST_T))
         # the level frame's magnetic north, against the map's

@@ -81,9 +81,9 @@ class Track:
         """Remember, from now on, what may have to be gone again."""
         self._begun = (self.filter.copy(), self.time_ns)
         self._pieces += 1
-        # strides, and after how many of them fixes came, or nothing was heard
+        # strides, and after how many of them fixes came
         self._strides = Strides()
-        self._between: list[tuple[int, PositionReference | Unheard]] = []
+        self._fixes: list[tuple[int, PositionReference]] = []
 
     @property
     def begun_ns(self) -> int:
@@ -142,28 +142,34 @@ class Track:
         before = self._knots.moment(-1)
         nis = self._meet(fix)
         self._anchors.add(self.filter.state[PLACE], fix.sigma_m**2 * fix.repeats)
-        self._between.append((self._strides.count, fix))
+        self._fixes.append((self._strides.count, fix))
         return [
             self._point(self._knots.moment(-1), before, self.stage, nis),
             *self._smoothed_batch(),
         ]
 
-    def stray(self, unheard: Unheard) -> list[TrackPoint]:
-        """Go on as far as a walker may who is not heard; return the point where that ends.
+    def stray(self, unheard: Unheard) -> None:
+        """Go on as far as a walker may who is not heard."""
+        one, knots = self.filter, self._knots
+        transition = one.stray(unheard, self.time_ns, self._turn_rad)
+        knots.add(unheard.until_ns, one.state, one.covariance, transition)
+        if not self.smooths:
+            knots.keep_last()
 
-        Where the direction is lost in that time, another piece begins.
+    def resume(self, unheard: Unheard, turned_rad: float) -> list[TrackPoint]:
+        """Go on to where a walker is heard again, in any direction; return the point, and others.
+
+        ``turned_rad`` is by how much the gyroscope's frame is another one if they look ahead as
+        before: the best guess where there is no compass.
         """
         before = self._knots.moment(-1)
-        self._stray(unheard)
+        self.stray(unheard)
         point = self._point(self._knots.moment(-1), before, self.stage)
-        if not self.filter.lost:
-            self._between.append((self._strides.count, unheard))
-            return [point]
-        points = self._smoothed()[:-1] if self.smooths else []
-        self.filter.forget_direction()
+        smoothed = self._smoothed()[:-1] if self.smooths else []
+        self.filter.forget_direction(turned_rad)
         self._knots.begin(self.time_ns, self.filter.state, self.filter.covariance)
         self._begin_piece()
-        return [point, *points]
+        return [point, *smoothed]
 
     def flush(self) -> list[TrackPoint]:
         """Return the track smoothed, as far as not said yet."""
@@ -180,14 +186,11 @@ class Track:
         self.filter = filter_.copy()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
         gone = 0
-        for count, met in self._between:
+        for count, fix in self._fixes:
             if count > gone:
                 self._go(gone, count)
-            if isinstance(met, Unheard):
-                self._stray(met)
-            else:
-                self._aim(met)
-                self._meet(met)
+            self._aim(fix)
+            self._meet(fix)
             gone = count
         return self._go(gone, self._strides.count)
 
@@ -237,13 +240,6 @@ class Track:
         if not self.smooths:
             knots.keep_last()
         return nis
-
-    def _stray(self, unheard: Unheard) -> None:
-        one, knots = self.filter, self._knots
-        transition = one.stray(unheard, self.time_ns, self._turn_rad)
-        knots.add(unheard.until_ns, one.state, one.covariance, transition)
-        if not self.smooths:
-            knots.keep_last()
 
     def _smoothed_batch(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough, and begin another piece."""
@@ -337,13 +333,9 @@ LOST_RAD = 1.0
 
 
 #: How long a walker keeps a direction: after a time t the mean cosine of the turn is exp(-t / this)
-#: [s]. Chosen by trial on logs of IPIN 2023 of odd trials.
+#: [s]. Chosen by judgement, between steps in buildings (logs of IPIN 2023 of odd trials: 14 to 9 s
+#: over 1 to 12 s) and along a street (100 s).
 PERSISTENCE_S = 20.0
-
-
-def unheard_rad2(elapsed_s: float) -> float:
-    """Return the variance of how far a walker has turned after a time [rad2]."""
-    return 2 * elapsed_s / PERSISTENCE_S
 
 
 class Unheard(NamedTuple):
@@ -359,8 +351,6 @@ class Unheard(NamedTuple):
         Speed before, for a scale of 1 [m/s].
     heading_rad
         Direction of that step by the gyroscope [rad].
-    turned_rad
-        By how much the gyroscope's frame is another one after it [rad].
     walking
         Part of the time for which nobody knows that the walker stood; below 1 they are not taken to
         have gone on ahead.
@@ -370,7 +360,6 @@ class Unheard(NamedTuple):
     until_ns: int
     pace_mps: float
     heading_rad: float
-    turned_rad: float = 0.0
     walking: float = 1.0
 
     def way(self, from_ns: int) -> tuple[float, float]:
@@ -503,14 +492,12 @@ class ReckoningFilter:
         """
         length_m, variance_m2 = unheard.way(from_ns)
         transition = self.step(length_m, unheard.heading_rad + turn_rad)
-        self.state[OFFSET] += unheard.turned_rad
-        p = self.covariance
-        p[PLACE, PLACE] += variance_m2 * np.eye(2)
-        p[OFFSET, OFFSET] += unheard_rad2(max(0, unheard.until_ns - from_ns) / NS_PER_S)
+        self.covariance[PLACE, PLACE] += variance_m2 * np.eye(2)
         return transition
 
-    def forget_direction(self) -> None:
-        """Take it that the gyroscope's frame is turned by anything against the map."""
+    def forget_direction(self, turned_rad: float) -> None:
+        """Take it that the gyroscope's frame is turned by anything, most likely so much [rad]."""
+        self.state[OFFSET] += turned_rad
         self.covariance[OFFSET, :] = self.covariance[:, OFFSET] = 0.0
         self.covariance[OFFSET, OFFSET] = math.pi**2
         self.origin = self.state[PLACE].copy()
