@@ -11,6 +11,9 @@ then on a way with marked places. Nobody knows where they went before the first 
 - Satellite fixes: how many lie within the accuracy that they say, which is to hold 68 %.
 - Tracks without fixes, turned and shifted onto the marked places: root mean square [m]; those of
   the compass alone beside them. By how much they had to be turned [deg].
+- Headings of the phone's y axis, in the mean over a way of 5 m or more between two marked places on
+  which it hardly turns: the median of what they are off by, and of what they claim [deg], and the
+  part that is off by no more than twice that.
 - Tracks with fixes: the median distance from the marked places but the first [m], the part of all
   within the claimed ellipse of 90 %, and what the nearest fixes alone are off by.
 
@@ -48,7 +51,13 @@ if TYPE_CHECKING:
 
 #: A fix counts for a marked place that is no farther from it in time [s].
 NEAR_S = 1.5
-COLUMNS = ("waved", "walked", "hold", "fixes off", "shape", "compass", "turned", "off", "inside")
+#: A way is looked at that is longer [m], without its first and last second, with so many headings,
+#: whose mean vector is so long.
+WAY_M, WAY_END_NS, WAY_LEAST, WAY_STRAIGHT = 5.0, NS_PER_S, 20, 0.95
+COLUMNS = (
+    *("waved", "walked", "hold", "fixes off", "shape", "compass", "turned"),
+    *("heading", "claimed", "within", "off", "inside"),
+)
 
 
 def points_of(result: gt.Results) -> list[TrackPoint]:
@@ -106,6 +115,23 @@ def of_fixes(opened: Recording, times_ns: np.ndarray, true: np.ndarray) -> tuple
     return float(np.mean(off < values[nearest, column][heard])), float(np.median(off))
 
 
+def of_headings(path: Path, times_ns: np.ndarray, true: np.ndarray) -> tuple[float, ...]:
+    """Return the medians of errors of headings and their claims [deg], and the part within two."""
+    found = gt.replay(path, "heading", {"heading.axis": "y"}).headings
+    since, sigma_rad = np.asarray(found.time_ns), np.asarray(found.sigma_rad)
+    vectors, rows = np.exp(1j * np.asarray(found.heading_rad)), []
+    for k, way in enumerate(np.diff(true)):
+        start_ns, stop_ns = times_ns[k] + WAY_END_NS, times_ns[k + 1] - WAY_END_NS
+        at = slice(*np.searchsorted(since, [start_ns, stop_ns]))
+        mean = vectors[at].mean() if at.stop - at.start >= WAY_LEAST else 0j
+        if abs(way) >= WAY_M and abs(mean) >= WAY_STRAIGHT:
+            rows.append((abs(np.angle(mean / way)), np.median(sigma_rad[at])))
+    if not rows:
+        return np.nan, np.nan, np.nan
+    off, claimed = np.degrees(rows).T
+    return np.median(off), np.median(claimed), np.mean(off < 2 * claimed)
+
+
 def row_of(path: Path) -> list[float]:
     """Return the figures of one recording, as :data:`COLUMNS`."""
     with Recording.open(path) as opened:
@@ -123,7 +149,8 @@ def row_of(path: Path) -> list[float]:
     off_m = float("nan") if score is None else score.median_m
     waved = float((steps_ns < times_ns[0] - NS_PER_S).sum())
     walked = len(steps_ns) - waved
-    return [waved, walked, hold, fixes_m, *shapes, turned, off_m, inside(points, labels)]
+    headings = of_headings(path, times_ns, true)
+    return [waved, walked, hold, fixes_m, *shapes, turned, *headings, off_m, inside(points, labels)]
 
 
 def main() -> None:
