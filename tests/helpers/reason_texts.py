@@ -95,6 +95,9 @@ class Claims:
             (rf"a candidate {OFF} \(tolerance {NUMBER} ms\), which (.*) rejects too", self.beyond),
             (GATE, self.gate),
             (rf"vertical {NUMBER} and forward {NUMBER} of a usual step", self.of_usual),
+            (rf"the signal is heard from {NUMBER} to {NUMBER} s, and (\w+) is told by "
+             rf"{NUMBER} s or more",
+             self.cut_short),
             (r"(\w+(?: and \w+)*) would fail too", self.also),
             (rf"merged with the step {NUMBER} ms earlier by the refractory gate \({NUMBER} ms\)",
              self.merged),
@@ -240,6 +243,18 @@ class Claims:
         told = [float(vertical), float(forward)]
         near = [part.candidates.value[row, shares] for row in self.rows(part)]
         assert any(np.allclose(value, told, atol=0.006, rtol=1e-3) for value in near)
+
+    def cut_short(
+        self, part: StageEvidence, _: int, begin_s: str, end_s: str, gate: str, need_s: str
+    ) -> None:
+        start_ns, told = self.evidence.start_ns, (float(begin_s), float(end_s))
+        assert told[1] - told[0] < float(need_s)
+        assert gate in [g.name for g in part.spec.gates]
+        gaps = [g for g in self.evidence.gaps if not g.bridged]
+        ends_s = [0.0, *((g.end_ns - start_ns) / NS_PER_S for g in gaps)]
+        starts_s = [(g.start_ns - start_ns) / NS_PER_S for g in gaps]
+        assert min(abs(x - told[0]) for x in ends_s) < 1e-3
+        assert min(abs(x - told[1]) for x in starts_s) < 1e-3
 
     def also(self, part: StageEvidence, _: int, names: str) -> None:
         gates = [g.name for g in part.spec.gates]

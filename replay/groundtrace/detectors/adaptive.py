@@ -283,6 +283,8 @@ class AdaptiveDetector(Stage):
     floors: ClassVar = {"likeness": LEAST_LIKENESS}
     #: Columns that say what there is of a usual step.
     of_usual = ("vertical", "forward")
+    #: How long the signal must be at least that tells a gate's value [s].
+    told_by_s: ClassVar = dict.fromkeys(("share", "rhythm"), _TRUNK_SCALES[0].window_s)
 
     #: Whether peaks are looked for in the band of the steps, or in all that is quicker than them.
     in_band = True

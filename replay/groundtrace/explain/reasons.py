@@ -751,6 +751,8 @@ class StepReasons:
         other = self.pair_of(found_ns)
         if first is not None:
             text = f"a candidate {off} (tolerance {tolerance} ms), which {below(first)} rejects too"
+            cut_short = _cut_short(self.evidence, part, first, time_ns)
+            text = "; ".join(filter(None, (text, cut_short)))
             return self._timing(part, row, text, first.gate)
         if other is None:
             return self._timing(part, row, f"found {off}, tolerance {tolerance} ms")
@@ -855,7 +857,27 @@ def _verdict(
         if clipping is not None:
             channel_text = f"{clipping[0]} is clipped: it stands still at its extreme"
             return "clipped", f"{below(first)}; {channel_text} for {clipping[1] * 1e3:.0f} ms", ()
+    cut_short = _cut_short(evidence, part, first, time_ns)
+    if cut_short:
+        return "gap", f"{below(first)}; {cut_short}", ()
     return "threshold", below(first) + _of_usual(evidence, part, row), ()
+
+
+def _cut_short(evidence: Evidence, part: StageEvidence, reading: GateReading, time_ns: int) -> str:
+    """Say that less of the signal is heard between gaps than what a gate looks at is told by."""
+    stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
+    needs = getattr(stage_named(stage.use), "told_by_s", {}) if stage is not None else {}
+    need_s = needs.get(reading.gate, 0.0)
+    gaps = [g for g in evidence.gaps if g.topic in (part.spec.topic, "") and not g.bridged]
+    begin_ns = max((g.end_ns for g in gaps if g.end_ns <= time_ns), default=evidence.start_ns)
+    end_ns = min((g.start_ns for g in gaps if g.start_ns >= time_ns), default=2**63)
+    if end_ns - begin_ns >= need_s * NS_PER_S:
+        return ""
+    begin_s, end_s = ((t - evidence.start_ns) / NS_PER_S for t in (begin_ns, end_ns))
+    return (
+        f"the signal is heard from {begin_s:.3f} to {end_s:.3f} s, and {reading.gate} is told by "
+        f"{need_s:g} s or more"
+    )
 
 
 def _of_usual(evidence: Evidence, part: StageEvidence, row: int) -> str:

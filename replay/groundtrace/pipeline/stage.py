@@ -295,6 +295,8 @@ class Stage(Protocol):
     for is no local maximum of its decision function, ``sought`` says what it is; where the least
     that makes a candidate is no parameter ``floor``, ``floors`` has it by the function's name.
     Columns named in ``of_usual`` say what there is of a usual event in a candidate, 1 of that one.
+    Where a gate's value is told by a stretch of the signal, ``told_by_s`` has its least length by
+    the name of the gate [s]: between gaps less may be heard.
 
     It may have a method ``filled`` that is told of each gap of its topic that was filled, before
     the block that fills it. One whose scope is ``placement`` may have a method ``resume``, called
