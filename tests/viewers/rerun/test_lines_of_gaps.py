@@ -32,21 +32,21 @@ def gap(start_s: float, lost: int, topic: str = "/imu", *, bridged: bool = True)
     return Gap(topic, start_ns, start_ns + lost * 10_000_000, "missing", lost, bridged)
 
 
-def test_filled_gaps_of_a_second_are_one_line_and_others_one_each(view: LossView) -> None:
-    for each in (gap(1.0, 1), gap(1.4, 2), gap(1.5, 40, bridged=False), gap(1.9, 3), gap(2.0, 1)):
+def test_filled_gaps_of_ten_seconds_are_one_line_and_others_one_each(view: LossView) -> None:
+    for each in (gap(1.0, 1), gap(5.4, 2), gap(5.5, 40, bridged=False), gap(10.9, 3), gap(11.0, 1)):
         view.gap(each)
-    view.gap(gap(2.5, 5, "/mag"))
-    view.flush(round(2.9 * NS_PER_S))
+    view.gap(gap(12.5, 5, "/mag"))
+    view.flush(round(12.9 * NS_PER_S))
     told = [
-        (1.5, "1.50 s  missing /imu: 40 lost, 400.0 ms, state reset", "WARN"),
-        (1.0, "1.00 s  missing /imu: 6 lost in 3 gaps within 930.0 ms, filled, state kept", "INFO"),
+        (5.5, "5.50 s  missing /imu: 40 lost, 400.0 ms, state reset", "WARN"),
+        (1.0, "1.00 s  missing /imu: 6 lost in 3 gaps within 9.9 s, filled, state kept", "INFO"),
     ]
     assert view._lines == told
-    view.gap(Gap("/imu", 3 * NS_PER_S, 3 * NS_PER_S, "clock step", 0, bridged=True))
-    step = (3.0, "3.00 s  clock step /imu: 0 lost, 0.0 ms, state kept", "WARN")
+    view.gap(Gap("/imu", 13 * NS_PER_S, 13 * NS_PER_S, "clock step", 0, bridged=True))
+    step = (13.0, "13.00 s  clock step /imu: 0 lost, 0.0 ms, state kept", "WARN")
     assert view._lines.pop() == step
     view.flush()
     assert view._lines[2:] == [
-        (2.0, "2.00 s  missing /imu: 1 lost, 10.0 ms, filled, state kept", "INFO"),
-        (2.5, "2.50 s  missing /mag: 5 lost, 50.0 ms, filled, state kept", "INFO"),
+        (11.0, "11.00 s  missing /imu: 1 lost, 10.0 ms, filled, state kept", "INFO"),
+        (12.5, "12.50 s  missing /mag: 5 lost, 50.0 ms, filled, state kept", "INFO"),
     ]

@@ -942,13 +942,13 @@ class StepView(View):
     kinds: ClassVar = {StepEvent: step}
 
 
-#: Filled gaps of so long are one line of the log [ns]. Chosen by judgement: a line a second can be
-#: read, one for each lost packet buries the steps.
-GAPS_NS = NS_PER_S
+#: Filled gaps of so long are one line of the log [ns]. Chosen by judgement: a line for each lost
+#: packet, or a second of each topic, buries the steps.
+GAPS_NS = 10 * NS_PER_S
 
 
 class LossView(View):
-    """Interruptions: a lane and log lines, one for all gaps of a second that were filled."""
+    """Interruptions: a lane and log lines, one for all gaps of ten seconds that were filled."""
 
     def __init__(self, context: ViewContext) -> None:
         self._timeline = context.timeline
@@ -970,7 +970,8 @@ class LossView(View):
 
     def _say(self, gaps: Sequence[Gap]) -> None:
         first, lost = gaps[0], sum(gap.lost for gap in gaps)
-        lasting = f"{(gaps[-1].end_ns - first.start_ns) / 1e6:.1f} ms"
+        lasting_s = (gaps[-1].end_ns - first.start_ns) / NS_PER_S
+        lasting = f"{lasting_s:.1f} s" if lasting_s >= 1 else f"{1e3 * lasting_s:.1f} ms"
         state = f"{'filled, ' if first.filled else ''}state {'kept' if first.bridged else 'reset'}"
         many = f" in {len(gaps)} gaps within" if len(gaps) > 1 else ","
         where = self._timeline.seconds(first.start_ns)
