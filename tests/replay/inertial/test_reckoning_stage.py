@@ -268,6 +268,32 @@ def test_who_walks_before_and_after_a_gap_went_on_as_before_less_surely() -> Non
     assert found[-1].y_m == pytest.approx(whole[-1].y_m, abs=1.5)
 
 
+@pytest.mark.parametrize("samples", [1, 7, 400])
+def test_a_gap_counts_the_same_whatever_the_blocks(samples: int) -> None:
+    before, after = signal(14.0, (8.0,)), signal(30.0, (8.0,))
+    moved = [b for b in after if b.start_ns >= 17 * NS_PER_S]
+    gaps = [Gap(topic, 14 * NS_PER_S, 17 * NS_PER_S, "missing", 150) for topic in ("/gyro", "/acc")]
+    early = [s for s in steps(28.0) if s.time_ns < 14 * NS_PER_S]
+    late = [s for s in steps(28.0) if s.time_ns > 17 * NS_PER_S]
+
+    def cut(blocks: Sequence[SignalBlock]) -> list[SignalBlock]:
+        parts = [
+            b.slice(k, min(k + samples, len(b))) for b in blocks for k in range(0, len(b), samples)
+        ]
+        return sorted(parts, key=lambda b: (b.start_ns, b.topic))
+
+    def tracked(first: Sequence[SignalBlock], second: Sequence[SignalBlock]) -> list[TrackPoint]:
+        given = [*items(first, early), *gaps, *items(second, late)[1:]]
+        return points(run(stage(), given))
+
+    whole, parted = tracked(before, moved), tracked(cut(before), cut(moved))
+    assert len(whole) == len(parted) == len(steps(28.0)) - 5
+    for one, other in zip(whole, parted, strict=True):
+        assert (one.time_ns, one.x_m, one.y_m) == pytest.approx(
+            (other.time_ns, other.x_m, other.y_m), abs=1e-9
+        )
+
+
 def test_a_gyroscope_alone_keeps_its_direction_over_a_gap() -> None:
     found = lost(14.0, 16.0, parameters=replace(P, azimuth="gyroscope"))
     before, after = at_gap(found, 16.0)
