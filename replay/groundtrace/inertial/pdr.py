@@ -24,14 +24,7 @@ from ..pipeline.stage import Context, Input, Memory, Stage
 from .body_motion import LevelFrameTracker
 from .carried_iron import CarriedIron, IronFit
 from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
-from .pdr_filter import (
-    MagneticBearing,
-    ReckoningFilter,
-    ReckoningNoise,
-    Stride,
-    Track,
-    Unheard,
-)
+from .pdr_filter import MagneticBearing, ReckoningFilter, ReckoningNoise, Stride, Track, Unheard
 from .rotations import mean_matrix, wrap_angle
 from .steps import (
     Barometer,
@@ -108,15 +101,15 @@ class Silence:
 
     Attributes
     ----------
-    since_ns
-        When the last step ended.
+    step
+        The last one before.
     heard_ns
         Since when the signal is heard again, without a step as yet.
     stood_ns
         For how long it was heard without one.
     """
 
-    since_ns: int
+    step: _Measured
     heard_ns: int
     stood_ns: int = 0
 
@@ -178,8 +171,8 @@ class PedestrianDeadReckoning:
 
     def interrupt(self, until_ns: int, again_ns: int) -> None:
         """Take it that a signal is heard until a time, and another one from a later time on."""
-        if self._last_ns is not None:
-            self._silence = Silence(self._last_ns, self._last_ns)
+        if self._last is not None and self._silence is None:
+            self._silence = Silence(self._last, self._last.stride.time_ns)
         if self._silence is not None:
             self._silence.listen(until_ns, again_ns)
         self._last_ns, self._by_last = None, (0.0, 0.0)
@@ -330,10 +323,10 @@ class PedestrianDeadReckoning:
 
     def _heard_again(self, track: Track, silence: Silence, step: _Measured) -> list[TrackPoint]:
         """Go on to where a step begins that is heard first after a gap."""
-        points, before = self._take_places(track, step.begin_ns), self._last
+        points = self._take_places(track, step.begin_ns)
         silence.listen(step.begin_ns, step.begin_ns)
-        turned_rad = 0.0 if before is None else before.look_rad - step.look_rad
-        points += track.resume(self._unheard(track, silence, step.begin_ns), turned_rad)
+        unheard = self._unheard(track, silence, step.begin_ns)
+        points += track.resume(unheard, silence.step.look_rad - step.look_rad)
         self._silence = None
         return points
 
@@ -349,11 +342,9 @@ class PedestrianDeadReckoning:
 
     def _unheard(self, track: Track, silence: Silence, until_ns: int) -> Unheard:
         """Return what is known of a walker who is not heard until a time."""
-        until_ns = max(until_ns, track.time_ns)
-        share = silence.stood_ns / max(until_ns - silence.since_ns, 1)
-        heading_rad = 0.0 if self._last is None else self._last.stride.heading_rad
-        walking = max(0.0, 1 - share)
-        return Unheard(silence.since_ns, until_ns, self._pace_mps, heading_rad, walking)
+        last, until_ns = silence.step.stride, max(until_ns, track.time_ns)
+        walking = max(0.0, 1 - silence.stood_ns / max(until_ns - last.time_ns, 1))
+        return Unheard(last.time_ns, until_ns, self._pace_mps, last.heading_rad, walking)
 
 
 TURNING = "angular_velocity"

@@ -152,7 +152,7 @@ class Track:
         """Go on as far as a walker may who is not heard."""
         one, knots = self.filter, self._knots
         transition = one.stray(unheard, self.time_ns, self._turn_rad)
-        knots.add(unheard.until_ns, one.state, one.covariance, transition)
+        knots.add(unheard.until_ns, one.state, one.covariance, transition, shown=False)
         if not self.smooths:
             knots.keep_last()
 
@@ -165,7 +165,7 @@ class Track:
         before = self._knots.moment(-1)
         self.stray(unheard)
         point = self._point(self._knots.moment(-1), before, self.stage)
-        smoothed = self._smoothed()[:-1] if self.smooths else []
+        smoothed = self._smoothed() if self.smooths else []
         self.filter.forget_direction(turned_rad)
         self._knots.begin(self.time_ns, self.filter.state, self.filter.covariance)
         self._begin_piece()
@@ -366,7 +366,7 @@ class Unheard(NamedTuple):
         """Return the way along the direction before [m], and the variance per axis about it [m2].
 
         That of a persistent random walk from ``from_ns`` on (R. Fürth, Zeitschrift für Physik 2,
-        1920, eq. 11), less what goes ahead.
+        1920), less what goes ahead.
         """
         lasts = PERSISTENCE_S
         start_s, end_s = ((t - self.since_ns) / NS_PER_S for t in (from_ns, self.until_ns))
@@ -604,10 +604,18 @@ class TrackHistory:
         self.rows[0] = self.rows[self.count - 1]
         self.count = 1
 
-    def add(self, time_ns: int, state: Array, covariance: Array, transition: Array) -> None:
-        """Add a shown one that is as it was predicted."""
+    def add(
+        self,
+        time_ns: int,
+        state: Array,
+        covariance: Array,
+        transition: Array,
+        *,
+        shown: bool = True,
+    ) -> None:
+        """Add one that is as it was predicted."""
         self.make_room(1)
-        knot = (time_ns, 1, state, covariance, state, covariance, transition)
+        knot = (time_ns, shown, state, covariance, state, covariance, transition)
         for name, value in zip(self.rows.dtype.names or (), knot, strict=True):
             self.rows[name][self.count] = value
         self.count += 1
