@@ -379,6 +379,7 @@ def report(
                 "recorded_s": tally.recorded_s,
                 "samples": tally.samples,
                 "events": counts,
+                "lost_s": {topic: ns / NS_PER_S for topic, ns in tally.lost_ns.items()},
                 "damage": damage,
                 "results": str(results),
                 "rrd": str(rrd) if rrd is not None else None,
@@ -407,3 +408,6 @@ def _print_report(
     one = {kind.plural: kind.name for kind in EVENTS.values()} | {"candidates": "candidate"}
     event_counts = [counted(count, one[name], name) for name, count in counts.items() if count]
     print_line(", ".join(event_counts) or "no events")
+    lost = [f"{ns / NS_PER_S:.1f} s of {topic}" for topic, ns in tally.lost_ns.items() if ns > 0]
+    if lost:
+        print_line(f"not recorded: {', '.join(lost)}, in gaps that are too long to be filled")

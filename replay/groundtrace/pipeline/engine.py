@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeVar
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Note, StageSpec, TraceBlock
+from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .. import kernels
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from groundtrace_codecs.annotations import Annotation
-    from groundtrace_codecs.events import Event, Gap, Label
+    from groundtrace_codecs.events import Event, Label
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
@@ -65,6 +65,8 @@ class ReplayCounts:
         Of all blocks [ns]; None before the first.
     warnings
         Notes that warn.
+    lost_ns
+        By topic, how long nothing was recorded in gaps that were not filled.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -74,6 +76,7 @@ class ReplayCounts:
     first_ns: int | None = None
     last_ns: int | None = None
     warnings: WarningCounter = field(default_factory=WarningCounter)
+    lost_ns: Counter[str] = field(default_factory=Counter)
 
     def update(self, block: SignalBlock) -> None:
         """Count a block."""
@@ -92,10 +95,12 @@ class ReplayCounts:
             for event in events:
                 if isinstance(event, (CandidateBlock, TraceBlock)):
                     self.counts[type(event).__name__] += len(event) - 1
-        if Note in kinds:
+        if Note in kinds or Gap in kinds:
             for event in events:
                 if isinstance(event, Note):
                     self.warnings.add(event)
+                elif isinstance(event, Gap) and not event.bridged:
+                    self.lost_ns[event.topic] += event.end_ns - event.start_ns
 
 
 class ReplayLoop:
