@@ -8,10 +8,10 @@ random times, and each recording is replayed with gaps filled up to every limit.
 false; of vehicles passes found and false, what their moments are off, and how many fixes and points
 of tracks there are. Walkers are ten walks of ``back-steps``, or of the people that
 ``published_walks.py`` tells of, with a packet lost in four seconds: F1 of their steps at 0.12 s.
-The limits that ship, ``bridges_s`` of stages,
-were chosen here with seeds 3 and 4 and on back-steps; others report. Headings are those of the
-BROAD trials at hand, or of a folder with others, with as many packets lost: their errors, what they
-claim, and how many are within two deviations, told of the losses and not.
+The limits that ship, ``bridges_s`` of stages, were chosen here with seeds 3 and 4 and on
+back-steps; others report. Headings are those of the BROAD trials at hand, or of a folder with
+others, with as many packets lost: their errors, what they claim, and how many are within two
+deviations, told of the losses and not.
 
 Tracks are those of the phones of ``indoor-location-20``, or of the logs that ``phone_logs.py``
 tells of, without satellite fixes, with a time lost in twenty seconds from the first marked place
@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
@@ -32,8 +31,8 @@ from unittest import mock
 
 import numpy as np
 from heading_accuracy import MEASURED, claimed_errors, imported, rms
-from pedestrian_accuracy import CHI2_90
-from phone_logs import points_of
+from pedestrian_accuracy import CHI2_90, claims, squares
+from phone_logs import STAIRS, points_of, trial_of
 from published_walks import unseen, write_back
 
 import groundtrace as gt
@@ -70,8 +69,6 @@ VEHICLE_MS, VEHICLE_LIMITS_S = (90, 110, 200, 300, 500), (0.1, 0.3, 0.6, None)
 HEADING_MS = (90, 200, 300)
 WALKER_MS, WALKER_LIMITS_S = (90, 150, 200, 300, 400), (0.1, 0.3, 0.6, None)
 TRACK_MS = (500, 1000, 3000, 10000)
-#: Trials from this number on go up and down stairs.
-LEVEL_TRIALS = 50
 #: Lost packets a second.
 ROOM_RATE, VEHICLE_RATE, WALKER_RATE, TRACK_RATE = 1.0, 0.2, 0.25, 0.05
 #: Walks of back-steps: people and trials.
@@ -203,20 +200,14 @@ def track_figures(path: Path) -> tuple[float, float, float]:
     At marked places, from the first of them on; NaN where fewer than three are passed.
     """
     with Recording.open(path) as recording:
-        places = [x for x in recording.labels if x.kind == "waypoint"]
+        places = tuple(x for x in recording.labels if x.kind == "waypoint")
     points = points_of(gt.replay(path, "pedestrian", {"track.updates": "none"}))
-    places = [x for x in places if points and points[0].time_ns <= x.time_ns <= points[-1].time_ns]
-    if len(places) <= 2:
+    off, spread = claims(points, places) if points else (np.empty((0, 2)), np.empty((0, 2, 2)))
+    if len(off) <= 2:
         return np.nan, np.nan, np.nan
-    columns = np.array([(p.x_m, p.y_m, *p.covariance) for p in points]).T
-    x, y, xx, xy, yy = (
-        np.interp([k.time_ns for k in places], [p.time_ns for p in points], c) for c in columns
-    )
-    true = np.array([(k.x_m, k.y_m) for k in places]).T
-    right, up = (k - k[0] for k in np.stack([x, y]) - true)
-    squares = (yy * right**2 - 2 * xy * right * up + xx * up**2) / (xx * yy - xy**2)
-    off = np.hypot(right, up)[1:]
-    return float(np.median(off)), float(np.median(squares[1:])), np.mean(squares[1:] < CHI2_90)
+    off, spread = (off - off[0])[1:], spread[1:]
+    far, normalised = np.linalg.norm(off, axis=1), squares(off, spread)
+    return float(np.median(far)), float(np.median(normalised)), np.mean(normalised <= CHI2_90)
 
 
 def tracks(sources: Sequence[Path], folder: Path) -> None:
@@ -241,8 +232,7 @@ def phone_logs(data: Path, logs: Path | None) -> list[Path]:
     """Return the logs of phones at hand, or of a folder those on one floor."""
     if logs is None:
         return sorted(data.glob("indoor-location-20/**/path_data_files/*.txt"))
-    trials = {path: re.search(r"Trial(\d+)_", path.stem) for path in sorted(logs.glob("*.txt"))}
-    return [path for path, trial in trials.items() if trial and int(trial[1]) < LEVEL_TRIALS]
+    return [path for path in sorted(logs.glob("*.txt")) if trial_of(path) < STAIRS]
 
 
 def vehicles(path: Path, limit_s: float | None) -> tuple[int, int, float, int]:

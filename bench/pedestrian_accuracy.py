@@ -67,21 +67,34 @@ def tracks(opened: Recording, pipeline: str, labels: tuple = ()) -> dict[str, li
 CHI2_90 = 4.605
 
 
+def claims(points: list[TrackPoint], labels: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far true places are from a track and its covariances there, by those it passes.
+
+    Shape (n, 2) [m] and (n, 2, 2) [m2].
+    """
+    since = np.array([p.time_ns for p in points], float)
+    values = np.array([(p.x_m, p.y_m, *p.covariance) for p in points])
+    scored = [x for x in labels if since[0] <= x.time_ns <= since[-1]]
+    times_ns = [x.time_ns for x in scored]
+    x, y, xx, xy, yy = (np.interp(times_ns, since, column) for column in values.T)
+    true = np.array([(k.x_m, k.y_m) for k in scored], float).reshape(-1, 2)
+    spread = np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
+    return true - np.stack([x, y], axis=1), spread + 1e-6 * np.eye(2)
+
+
+def squares(off: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Return normalised squares of errors, shape (n,)."""
+    return np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0])
+
+
 def inside(points: list[TrackPoint], labels: tuple, own_m: float = 0.0) -> float:
     """Return the part of true places within the claimed ellipse of 90 % at their time.
 
     ``own_m`` is the standard deviation of the places themselves.
     """
-    since = np.array([p.time_ns for p in points], float)
-    values = np.array([(p.x_m, p.y_m, *p.covariance) for p in points])
-    scored = [x for x in labels if since[0] <= x.time_ns <= since[-1]]
-    count = 0
-    for label in scored:
-        x, y, xx, xy, yy = (np.interp(label.time_ns, since, column) for column in values.T)
-        off = np.array([label.x_m - x, label.y_m - y])
-        spread = np.array([[xx, xy], [xy, yy]]) + (own_m**2 + 1e-6) * np.eye(2)
-        count += float(off @ np.linalg.solve(spread, off)) <= CHI2_90
-    return count / max(len(scored), 1)
+    off, spread = claims(points, labels)
+    within = squares(off, spread + own_m**2 * np.eye(2)) <= CHI2_90
+    return int(within.sum()) / max(len(within), 1)
 
 
 def people(count: int) -> None:

@@ -49,6 +49,8 @@ from groundtrace_codecs.signals import ACCURACY, NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+#: Trials from this number on go up and down stairs.
+STAIRS = 50
 #: A fix counts for a marked place that is no farther from it in time [s].
 NEAR_S = 1.5
 #: A way is looked at that is longer [m], without its first and last second, with so many headings,
@@ -83,6 +85,12 @@ def turned_deg(points: list[TrackPoint], times_ns: np.ndarray, true: np.ndarray)
     spots = np.stack([np.interp(times_ns, since, column) for column in tracked], axis=1)
     (cosine, _), (sine, _) = turn_onto(spots, np.stack([true.real, true.imag], axis=1)).rotation
     return abs(float(np.degrees(np.arctan2(sine, cosine))))
+
+
+def trial_of(log: Path) -> int:
+    """Return the number of the trial of a log; 0 where its name has none."""
+    trial = re.search(r"(\d+)_repetition", log.stem)
+    return int(trial[1]) if trial else 0
 
 
 def with_iron(text: str, iron_ut: Sequence[float]) -> str:
@@ -169,13 +177,12 @@ def main() -> None:
             laden.write_text(text, encoding="utf-8", errors="surrogateescape")
             import_recording([laden], path)
             row = row_of(path)
-            trial = re.search(r"(\d+)_repetition", log.stem)
-            rows.setdefault(int(trial[1]) if trial else 0, []).append(row)
+            rows.setdefault(trial_of(log), []).append(row)
             print(f"{log.stem[-28:]:28}" + "".join(f"{x:11.2f}" for x in row), flush=True)
     groups = {
-        "odd, level": lambda n: n < 50 and n % 2,
-        "even, level": lambda n: n < 50 and not n % 2,
-        "stairs and lift": lambda n: n > 50,
+        "odd, level": lambda n: n < STAIRS and n % 2,
+        "even, level": lambda n: n < STAIRS and not n % 2,
+        "stairs and lift": lambda n: n >= STAIRS,
     }
     for name, belongs in groups.items():
         kept = np.array([row for n, some in rows.items() if belongs(n) for row in some])
