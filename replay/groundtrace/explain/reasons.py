@@ -865,9 +865,7 @@ def _verdict(
 
 def _cut_short(evidence: Evidence, part: StageEvidence, reading: GateReading, time_ns: int) -> str:
     """Say that less of the signal is heard between gaps than what a gate looks at is told by."""
-    stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
-    needs = getattr(stage_named(stage.use), "told_by_s", {}) if stage is not None else {}
-    need_s = needs.get(reading.gate, 0.0)
+    need_s = _said_by_kind(evidence, part, "told_by_s", {}).get(reading.gate, 0.0)
     gaps = [g for g in evidence.gaps if g.topic in (part.spec.topic, "") and not g.bridged]
     begin_ns = max((g.end_ns for g in gaps if g.end_ns <= time_ns), default=evidence.start_ns)
     end_ns = min((g.start_ns for g in gaps if g.start_ns >= time_ns), default=2**63)
@@ -880,10 +878,15 @@ def _cut_short(evidence: Evidence, part: StageEvidence, reading: GateReading, ti
     )
 
 
+def _said_by_kind(evidence: Evidence, part: StageEvidence, name: str, default: Any) -> Any:
+    """Return what the class of a stage says by an attribute that it need not have."""
+    stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
+    return default if stage is None else getattr(stage_named(stage.use), name, default)
+
+
 def _of_usual(evidence: Evidence, part: StageEvidence, row: int) -> str:
     """Say what there is of a usual step in a candidate, where its stage measures that."""
-    stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
-    shares = getattr(stage_named(stage.use), "of_usual", ()) if stage is not None else ()
+    shares = _said_by_kind(evidence, part, "of_usual", ())
     names = [column.name for column in part.spec.columns]
     measured = {n: float(part.candidates.value[row, names.index(n)]) for n in shares if n in names}
     if not measured or not np.isfinite(list(measured.values())).all():

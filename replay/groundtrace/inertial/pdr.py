@@ -159,8 +159,6 @@ class PedestrianDeadReckoning:
         self._track: Track | None = None
         self._places: list[PositionReference] = []
         self._measured: _Measured | None = None
-        self._last_ns: int | None = None
-        self._by_last = (0.0, 0.0)  # rest [s] and variance of unseen turns [rad2] by the last step
         self._last: _Measured | None = None
         self._pace_mps = 0.0
         self._silence: Silence | None = None
@@ -175,7 +173,6 @@ class PedestrianDeadReckoning:
             self._silence = Silence(self._last, self._last.stride.time_ns)
         if self._silence is not None:
             self._silence.listen(until_ns, again_ns)
-        self._last_ns, self._by_last = None, (0.0, 0.0)
         self._north.forget_axes()
 
     def update(self, places: Sequence[PositionReference]) -> None:
@@ -220,7 +217,7 @@ class PedestrianDeadReckoning:
         step, self._measured = self._measured, None
         if step is None or not accepted:
             return []
-        stride = step.stride
+        stride, previous = step.stride, self._previous
         outputs: list[TrackPoint | Heading | Note] = []
         if self._track is None:
             outputs += self._begin(step.begin_ns)
@@ -231,10 +228,11 @@ class PedestrianDeadReckoning:
         outputs += self._take_places(track, stride.time_ns)
         self._last, pace_mps = step, stride.length_m / step.interval_s
         self._pace_mps += (NEWEST_PACE if self._pace_mps else 1.0) * (pace_mps - self._pace_mps)
-        before, by_now = self._by_last, (stride.rested_s, stride.unseen_rad2)
-        self._last_ns, self._by_last = stride.time_ns, by_now
-        rested_s, unseen_rad2 = (now - then for now, then in zip(by_now, before, strict=True))
-        stride = stride._replace(rested_s=rested_s, unseen_rad2=unseen_rad2)
+        if previous is not None:
+            stride = stride._replace(
+                rested_s=stride.rested_s - previous.stride.rested_s,
+                unseen_rad2=stride.unseen_rad2 - previous.stride.unseen_rad2,
+            )
         track.direction_rad = self._direction_rad
         facing, north = self._facing, self._north
         axis_rad = facing.sigma_rad
@@ -284,11 +282,16 @@ class PedestrianDeadReckoning:
         track, self._track = self._track, None
         return [] if track is None else [*self._take_places(track, 2**63), *track.flush()]
 
+    @property
+    def _previous(self) -> _Measured | None:
+        """The last step, where the signal was heard since."""
+        return self._last if self._silence is None else None
+
     def _interval_s(self, time_ns: int) -> float:
         """Return the time since the last step of the walk, or that of a first one [s]."""
-        if self._last_ns is None:
+        if self._previous is None:
             return USUAL_STEP_S
-        apart_s = max(time_ns - self._last_ns, 1) / NS_PER_S
+        apart_s = max(time_ns - self._previous.stride.time_ns, 1) / NS_PER_S
         return apart_s if apart_s <= self.parameters.pause_s else USUAL_STEP_S
 
     def _azimuth(self, stride: Stride, turn_rad: float) -> float:
