@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?|-?inf)"
 OFF = rf"{NUMBER} ms (late|early)"
-UNIT = r"(?: (m/s2|rad/s|s))?"
+UNIT = r"(?: (m/s2|rad/s|deg|s))?"
 GATE = (
     rf"(\w+) {NUMBER}{UNIT} ([<>]) {NUMBER}{UNIT} \(margin {NUMBER}\)|"
     rf"(\w+) is no number, the threshold is {NUMBER}{UNIT}"
@@ -214,6 +214,8 @@ class Claims:
         self.numbers(*numbers)
         name = numbers[0] or numbers[7]
         index = [g.name for g in part.spec.gates].index(name)
+        unit = numbers[2] if numbers[0] else numbers[9]
+        assert (unit or "1") == part.spec.gates[index].unit
         only = channel if part.spec.emits == "pick" else None
         near = self.rows(part, only)
         assert any(not part.margin[r, index] >= 0 for r in near)
